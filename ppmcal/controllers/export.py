@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -11,6 +11,7 @@ import numpy as np
 
 from ppmcal.controllers.model_uncertainty import UNKNOWN, PoseUncertainty
 from ppmcal.controllers.pose_errors import ErrorSummary
+from ppmcal.errors import BadInput, NoResult
 from ppmcal.io.results.export import (
     CommandErrors,
     ExportRecord,
@@ -19,7 +20,7 @@ from ppmcal.io.results.export import (
     PredictedErrors,
 )
 from ppmcal.linalg import Array
-from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.mechanism import Effect, Mechanism
 from ppmcal.notes import Note
 from ppmcal.store.provenance import Provenance
 
@@ -49,6 +50,42 @@ class NotExpressed:
     what: str
     parameters: tuple[str, ...]
     cost: ErrorSummary | None
+
+
+def effect_lacking(mechanism: Mechanism, effect: Effect, words: str,
+                   cost: ErrorSummary | None = None) -> NotExpressed:
+    """Return an effect that the controller does not know; ``words`` say why."""
+    return NotExpressed(f"effect {effect.kind.name}{words}",
+                        tuple(mechanism.names[p] for p in effect.parameters.values()), cost)
+
+
+def effects_lacking(mechanism: Mechanism, instruments: bool = False) -> Iterator[NotExpressed]:
+    """Yield a machine's effects, for a controller that knows none; ``instruments``: theirs too."""
+    for effect in mechanism.effects:
+        if instruments or not effect.kind.instrument:
+            yield effect_lacking(mechanism, effect,
+                                 ", which the figures above do not hold either")
+
+
+def head(name: str, before: ErrorSummary, after: ErrorSummary, lacks: Iterable[NotExpressed],
+         notes: Iterable[Note] = (), how: Iterable[str] = ()) -> str:
+    """Return the comment at the head of a file: errors, how to use it, what it lacks, notes."""
+    return "\n".join([
+        f"{name}: error if the model is exact {after.words()}, before {before.words()}.", *how,
+        *(f"Cannot be expressed: {one.what}." for one in lacks),
+        *(f"Note: {note}." for note in notes)])
+
+
+def refuse_poses(controller: str, poses: Path | None) -> None:
+    """Refuse poses for a controller that takes none (BadInput)."""
+    if poses is not None:
+        raise BadInput(f"{controller} takes numbers, not poses", "--poses", "Leave it out")
+
+
+def misread(place: str, what: str = "the lines read back as other numbers", use: str = "them"
+            ) -> NoResult:
+    """Return the error of a text that does not read back as what it was written from."""
+    return NoResult(what, place, f"This is a fault of ppmcal; do not use {use}")
 
 
 @dataclass(frozen=True)

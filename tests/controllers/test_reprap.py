@@ -17,8 +17,15 @@ from hypothesis import strategies as st
 from ppmcal.controllers.delta import geometry
 from ppmcal.controllers.delta.fit import error_summary, project
 from ppmcal.controllers.delta.machine import drive_of, driven
-from ppmcal.controllers.reprap.arithmetic import delta_of, geometry_of, travel
-from ppmcal.controllers.reprap.config import Delta, format_delta, parse_lines, read_delta
+from ppmcal.controllers.reprap.config import (
+    Delta,
+    delta_of,
+    format_delta,
+    geometry_of,
+    parse,
+    read_delta,
+    travel,
+)
 from ppmcal.controllers.reprap.controller import REPRAP
 from ppmcal.io import read_mechanism
 
@@ -42,7 +49,7 @@ BENT = {
 
 
 def read(text: str) -> Delta:
-    return read_delta(parse_lines(text, "config.g"))
+    return read_delta(parse(text, "config.g"))
 
 
 def written(folder: Path) -> dict[str, list[float]]:

@@ -332,7 +332,7 @@ def readers():
         Reader("klipper-log", from_file("l.log", _log), (
             b"probe at 0.000,0.000 is z=1.234\nprobe at 10.0,0.000 is z=1.3\n"
             b"probe at 10.0,9.0 is z=1.3\n",)),
-        Reader("reprap", lambda d: reprap_config.read_delta(reprap_config.parse_lines(
+        Reader("reprap", lambda d: reprap_config.read_delta(reprap_config.parse(
             d.decode("utf-8", "replace"), "config.g")), (
             b"M665 L300:300:300 R150 H240 B90 X0.1 Y-0.2 Z0\nM666 X0.1 Y0 Z-0.1 A0 B0\nG31 Z1\n",)),
         Reader("marlin", lambda d: marlin_config.read_delta(marlin_config.parse(

@@ -7,13 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.controllers.delta.firmware import DeltaFirmware, DeltaFit
+from ppmcal.controllers.delta.firmware import DeltaFirmware
 from ppmcal.controllers.delta.fit import DISC, HEIGHTS, project
 from ppmcal.controllers.delta.geometry import MM
-from ppmcal.controllers.export import Exported, Number
-from ppmcal.errors import BadInput, NoResult
+from ppmcal.controllers.export import Exported, Number, head, misread, refuse_poses
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.notes import Note
 
 
 def export_delta(firmware: DeltaFirmware[Any, Any], mechanism: Mechanism, old: Path | None,
@@ -24,15 +22,14 @@ def export_delta(firmware: DeltaFirmware[Any, Any], mechanism: Mechanism, old: P
         BadInput: no linear delta, or an option without use.
         NoResult: the lines would not be read as meant, or the firmware would not take them.
     """
-    if poses is not None:
-        raise BadInput(f"{firmware.name} takes numbers, not poses", "--poses", "Leave it out")
+    refuse_poses(firmware.name, poses)
     config = None if old is None else firmware.read(old)
     found = project(mechanism, firmware, None if config is None else firmware.numbers(config))
     notes = (*found.notes, *firmware.notes(found))
-    text = firmware.text(found.new, _comment(firmware, found, notes, mechanism.name))
+    text = firmware.text(found.new, head(mechanism.name, found.before, found.after,
+                                         found.not_expressed, notes, firmware.how(found.new)))
     if firmware.numbers(firmware.parse(text, firmware.file)) != found.new:
-        raise NoResult("the lines read back as other numbers", firmware.file,
-                       "This is a fault of ppmcal; do not use them")
+        raise misread(firmware.file)
     firmware.check(found.new, mechanism.source)
     before = {(name, unit): value for name, unit, value in firmware.table(found.old)}
     return Exported(
@@ -48,11 +45,3 @@ def export_delta(firmware: DeltaFirmware[Any, Any], mechanism: Mechanism, old: P
         {"grid": {"points": len(found.points), "radius": found.radius / MM,
                   "part_of_radius": DISC, "z": [z / MM for z in HEIGHTS]}},
         np.pad(found.points, ((0, 0), (0, 3))))
-
-
-def _comment(firmware: DeltaFirmware[Any, Any], found: DeltaFit[Any], notes: tuple[Note, ...],
-             name: str) -> str:
-    return "\n".join([f"{name}: error if the model is exact {found.after.words()}, before "
-                      f"{found.before.words()}.", *firmware.how(found.new),
-                      *(f"Cannot be expressed: {one.what}." for one in found.not_expressed),
-                      *(f"Note: {note}." for note in notes)])

@@ -72,16 +72,9 @@ def files(printer: Printer, rods: str, scale: str = "known", choose: bool = Fals
     if printer.calibrated:
         out[SAVED] = saved_yaml(printer, rods)
     q = [f"q_{t}" for t in TOWERS]
-    if printer.heights:
-        out["heights.csv"] = touch_table(["height", *q], printer.heights)
-        out["heights.yaml"] = touch_sidecar("heights", "plane", "height", HEIGHT_SIGMA, (
-            "# Touches: the nozzle's true height above the bed, and where the carriages were."))
+    out |= touch_files(printer.heights, printer.distances, "where the carriages were")
     if printer.distances:
-        out["distances.csv"] = touch_table(["distance", *q, *(f"to_{c}" for c in q)],
-                                           printer.distances)
-        out["distances.yaml"] = touch_sidecar(
-            "distances", "distance", "distance", DISTANCE_SIGMA,
-            "# Distances on a printed part between two nozzle positions.") + _scale_line(scale)
+        out["distances.yaml"] += _scale_line(scale)
     for mesh in printer.meshes:
         name = f"mesh_{mesh.name}"
         out[f"{name}.csv"] = touch_table(["height", *q, "dir_x"], mesh.rows)
@@ -89,6 +82,23 @@ def files(printer: Printer, rods: str, scale: str = "known", choose: bool = Fals
             "# Touches of a bed in their order; how high it lies and how it is tilted is not known."
             "\n# Carriages are where the numbers in the configuration put them: it has to hold "
             "those\n# that the bed was probed with."), "unknown")
+    return out
+
+
+def touch_files(heights: Sequence[Sequence[float]], distances: Sequence[Sequence[float]],
+                joints: str) -> dict[str, str]:
+    """Return tables and sidecars of heights and distances; ``joints``: what else rows say."""
+    out, q = dict[str, str](), [f"q_{t}" for t in TOWERS]
+    if heights:
+        out["heights.csv"] = touch_table(["height", *q], heights)
+        out["heights.yaml"] = touch_sidecar(
+            "heights", "plane", "height", HEIGHT_SIGMA,
+            f"# Touches: the nozzle's true height above the bed, and {joints}.")
+    if distances:
+        out["distances.csv"] = touch_table(["distance", *q, *(f"to_{c}" for c in q)], distances)
+        out["distances.yaml"] = touch_sidecar(
+            "distances", "distance", "distance", DISTANCE_SIGMA,
+            "# Distances on a printed part between two nozzle positions.")
     return out
 
 

@@ -7,7 +7,7 @@ they say where a print lies on the bed and change no print.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -25,10 +25,10 @@ from ppmcal.controllers.delta.machine import (
     reached,
 )
 from ppmcal.controllers.delta.machine import axis as tower_axis
-from ppmcal.controllers.export import AXIS_OFFSET, NotExpressed, offset_words
+from ppmcal.controllers.export import AXIS_OFFSET, NotExpressed, effects_lacking, offset_words
 from ppmcal.controllers.pose_errors import ErrorSummary, PlanarMotion, rms
 from ppmcal.errors import NoResult
-from ppmcal.linalg import Array, guarded
+from ppmcal.linalg import Array, Bools, finite_rows, guarded
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import NOTE, Note
 
@@ -56,11 +56,7 @@ def project(mechanism: Mechanism, firmware: DeltaFirmware[Any, DeltaNumbers],
         first = drive_of(mechanism.nominal())
         old = firmware.of(_best(first, delta_geometry(first), points), None)
     at_old, at_new = (driven(drive, firmware.travel(n, points)) for n in (old, new))
-    both = np.isfinite(at_old).all(axis=1) & np.isfinite(at_new).all(axis=1)
-    if both.sum() < ENOUGH:
-        raise NoResult("with the old configuration the machine reaches next to nothing of the "
-                       "new one's workspace", mechanism.source,
-                       f"Check that --old is this printer's, and its {firmware.endstops}")
+    both = reached_with_both(at_old, at_new, mechanism.source, firmware.endstops)
     reach, lacks = points[both], tuple(_not_expressed(mechanism, points, firmware))
     removed = laid_on(reached(drive, best, reach), reach)[1]
     return DeltaFit(new, old, error_summary(at_old[both], reach),
@@ -70,10 +66,7 @@ def project(mechanism: Mechanism, firmware: DeltaFirmware[Any, DeltaNumbers],
 
 def grid(drive: DeltaDrive, geometry: DeltaGeometry) -> Array:
     """Return points (N, 3), m, of a disc at five heights that both sides reach, within limits."""
-    radius = DISC * geometry.radius * MM
-    side = np.linspace(-radius, radius, ACROSS)
-    x, y, z = (a.ravel() for a in np.meshgrid(side, side, HEIGHTS, indexing="ij"))
-    points = np.stack([x, y, z], axis=-1)[np.hypot(x, y) <= radius * (1.0 + 1e-9)]
+    points = disc(DISC * geometry.radius * MM, ACROSS, HEIGHTS)
     limits = drive.mechanism.limits
     down = travel(geometry, points)
     q = drive.joints(down)
@@ -86,6 +79,27 @@ def grid(drive: DeltaDrive, geometry: DeltaGeometry) -> Array:
                        "of its radius", drive.mechanism.source,
                        "The bed is z = 0: put the origin there, and check `limits`")
     return np.asarray(points, dtype=float)
+
+
+def disc(radius: float, across: int, heights: Sequence[float]) -> Array:
+    """Return points (N, 3), m, of discs at heights, of squares of so many points across."""
+    side = np.linspace(-radius, radius, across)
+    x, y, z = (a.ravel() for a in np.meshgrid(side, side, heights, indexing="ij"))
+    return np.asarray(np.stack([x, y, z], axis=-1)[np.hypot(x, y) <= radius * (1.0 + 1e-9)])
+
+
+def reached_with_both(at_old: Array, at_new: Array, source: str, endstops: str) -> Bools:
+    """Return which points (N,) a machine reaches with the old numbers and with the new ones.
+
+    Raises:
+        NoResult: next to none; ``endstops`` is what the old numbers call these.
+    """
+    both = finite_rows(at_old) & finite_rows(at_new)
+    if both.sum() < ENOUGH:
+        raise NoResult("with the old configuration the machine reaches next to nothing of the "
+                       "new one's workspace", source,
+                       f"Check that --old is this printer's, and its {endstops}")
+    return both
 
 
 def predicted_errors(drive: DeltaDrive, geometry: DeltaGeometry, points: Array) -> ErrorSummary:
@@ -190,9 +204,7 @@ def _not_expressed(mechanism: Mechanism, points: Array, firmware: DeltaFirmware[
         cost = None if len(fits) < ENOUGH else predicted_errors(
             alone, _best(alone, start, fits), fits)
         yield NotExpressed(words, tuple(mechanism.names[p] for p in used), cost)
-    for effect in mechanism.effects:
-        yield NotExpressed(f"effect {effect.kind.name}, which the figures above do not hold either",
-                           tuple(mechanism.names[p] for p in effect.parameters.values()), None)
+    yield from effects_lacking(mechanism, instruments=True)
 
 
 def _only(mechanism: Mechanism, limb: int, name: str, used: tuple[int, ...]) -> Mechanism:

@@ -53,6 +53,16 @@ class DeltaGeometry:
                     f"stepper_{tower}.position_endstop": self.endstops[i]}
         return out
 
+    @property
+    def turns(self) -> Triple:
+        """How far towers stand from :data:`ANGLES`, -180 to 180 degrees."""
+        return triple((np.subtract(self.angles, ANGLES) + 180.0) % 360.0 - 180.0)
+
+
+def tower_angles(turns: Triple) -> Triple:
+    """Return the angles of towers that stand so far from :data:`ANGLES`, degrees."""
+    return triple(np.add(ANGLES, turns))
+
 
 def rounded(numbers: Numbers, digits: int) -> Numbers:
     """Return a dataclass of numbers and triples with so many decimals; no zero is negative."""

@@ -85,7 +85,7 @@ def printer_importer(read: PrinterReader) -> Callable[[Path, Mapping[str, Any]],
     the body of the file, also where they are commented out.
     """
     def import_config(path: Path, options: Mapping[str, Any]) -> ImportedPrinter:
-        scale, radius, mesh = options["scale"], options["radius"], options["mesh"]
+        scale, radius, mesh = options["scale"], options["radius"], options.get("mesh", ())
         if scale not in SCALES:
             raise unknown("scale of distances", scale, SCALES, "--scale")
         length, chosen = _rods(options["rods"])

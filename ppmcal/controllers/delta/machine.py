@@ -76,7 +76,8 @@ def drive_of(mechanism: Mechanism) -> DeltaDrive:
                            "A linear delta printer has upright towers")
         ratio = limb.slots.values(nominal).get("ratio", 1.0) * np.sign(way)
         scale[t] = -1.0 / ratio
-        zero[t] = _endstop(mechanism, limb.actuator, ratio, place)
+        zero[t] = endstop(mechanism, limb.actuator, ratio, place, "Give `limits` whose upper end "
+                          "is the endstop, or count steps down from it: `ratio: -0.0125`")
     return DeltaDrive(mechanism, towers, zero, scale)
 
 
@@ -90,15 +91,17 @@ def _towers(mechanism: Mechanism) -> tuple[int, int, int]:
     return 0, 1, 2
 
 
-def _endstop(mechanism: Mechanism, actuator: int, ratio: float, place: str) -> float:
-    """Return the joint value at the endstop, the upper end of the tower."""
+def endstop(mechanism: Mechanism, actuator: int, ratio: float, place: str, hint: str) -> float:
+    """Return the joint value at the endstop, the upper end of a tower or of an arm's turn.
+
+    Raises:
+        BadInput: it is not known, with ``place`` and ``hint``.
+    """
     if mechanism.actuator_has_ratio[actuator] and ratio < 0.0:
         return 0.0
     end = float(mechanism.limits[actuator][1 if ratio > 0.0 else 0])
     if not np.isfinite(end):
-        raise BadInput("the joint value at the endstop is not known", place,
-                       "Give `limits` whose upper end is the endstop, or count steps down from "
-                       "it: `ratio: -0.0125`")
+        raise BadInput("the joint value at the endstop is not known", place, hint)
     return end
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -173,6 +173,31 @@ def nominal_of(source: str, meant: DeltaGeometry, active: DeltaGeometry, origin:
         tolerance(LEAST_RADIUS, abs(meant.radius - active.radius)),
         math.inf if "endstops" in unknown else tolerance(LEAST_OFFSET, apart),
         WIDE_RODS if rods is None else LEAST_RODS, rods_known, rods is not None, tuple(findings))
+
+
+def stated_nominal(source: str, meant: DeltaGeometry, active: DeltaGeometry, where: str,
+                   rods: float | None, radius: float | None) -> tuple[Nominal, list[Note]]:
+    """Return what a printer was meant to be whose file holds nothing else, and what to say of it.
+
+    Args:
+        source: the file, for messages.
+        meant: what the file says, mm and degrees.
+        active: what it prints with.
+        where: what sentences call the file.
+        rods: the rods' length as the user knows it, mm.
+        radius: the delta's radius as the user knows it, mm.
+
+    Raises:
+        BadInput: the rods do not reach the middle.
+    """
+    if rods is not None:
+        meant = replace(meant, arms=(rods, rods, rods))
+    if radius is not None:
+        meant = replace(meant, radius=radius)
+    nominal = nominal_of(source, meant, active, {
+        "delta_radius": "--radius" if radius else where, "rods": "--rods" if rods else where,
+        "endstops": where}, rods)
+    return nominal, [] if radius is None else far_radius(radius, active.radius)
 
 
 def in_rows(point: Array, touched: Array) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.controllers.export import Exported, NotExpressed
+from ppmcal.controllers.export import Exported, NotExpressed, effect_lacking, misread
 from ppmcal.controllers.pose_grid import (
     BETWEEN,
     Corrected,
@@ -77,8 +77,7 @@ def _text(mechanism: Mechanism, found: Corrected) -> str:
     text = csv_text(list(table), list(table.values()))
     again = np.loadtxt(io.StringIO(text), delimiter=",", skiprows=1, ndmin=2)
     if not np.array_equal(again, np.column_stack(list(table.values()))):
-        raise NoResult("the table reads back as another one", TABLE,
-                       "This is a fault of ppmcal; do not use it")
+        raise misread(TABLE, "the table reads back as another one", "it")
     return text
 
 
@@ -90,10 +89,9 @@ def _not_expressed(mechanism: Mechanism, found: Corrected, asked: bool) -> Itera
                            None)
     for effect in mechanism.effects:
         if effect.kind.needs and not effect.kind.instrument:
-            yield NotExpressed(f"effect {effect.kind.name}, which depends on "
-                               f"{', '.join(effect.kind.needs)}: taken without direction, speed "
-                               "and load, at 20 C",
-                               tuple(mechanism.names[p] for p in effect.parameters.values()), None)
+            yield effect_lacking(mechanism, effect, f", which depends on "
+                                 f"{', '.join(effect.kind.needs)}: taken without direction, speed "
+                                 "and load, at 20 C")
 
 
 def _reasons(found: Corrected) -> str:

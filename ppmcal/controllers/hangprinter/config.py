@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from ppmcal.controllers.text import NUMBER
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array
 
@@ -29,8 +30,7 @@ FARTHEST = 1e5
 """No anchor is farther away, mm."""
 LEAST, LARGEST_BUILDUP = 0.01, 10.0
 """No radius, mm, advantage or tooth count is less, and no line builds up by more."""
-_NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
-_LETTER = re.compile(rf"([A-Z])\s*({_NUMBER}(?:\s*:\s*{_NUMBER})*)", re.ASCII | re.IGNORECASE)
+_LETTER = re.compile(rf"([A-Z])\s*({NUMBER}(?:\s*:\s*{NUMBER})*)", re.ASCII | re.IGNORECASE)
 _LINE = re.compile(r"^[ \t]*M(669|666)\b([^;\n]*)", re.ASCII | re.MULTILINE | re.IGNORECASE)
 _SPOOLS = {"Q": "buildup", "R": "radius", "U": "advantage", "O": "lines", "L": "motor_teeth",
            "H": "spool_teeth"}

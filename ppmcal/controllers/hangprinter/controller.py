@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.controllers.export import Exported
 from ppmcal.controllers.hangprinter.config import DECIMALS, NAMES, parse_config
 from ppmcal.controllers.hangprinter.importer import import_config as import_config
 from ppmcal.controllers.ropes.export import Frame, RopeFirmware, export_ropes, shift_words
@@ -105,8 +105,4 @@ def advice(old: Path | None) -> Iterator[Note]:
 HANGPRINTER = RopeFirmware(
     "hangprinter", "Hangprinter", "hangprinter.g", order, frame, line_positions, zero, table, text,
     read, DECIMALS, advice, notes, "multiply each R of M666, as lines are longer than they count")
-
-
-def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
-    """Return the machine as M669; see :class:`ppmcal.controllers.export.Exporter`."""
-    return export_ropes(HANGPRINTER, mechanism, old, poses)
+export = partial(export_ropes, HANGPRINTER)

@@ -18,12 +18,11 @@ from ppmcal.controllers.ropes.files import (
     machine_yaml,
     measurement_files,
 )
+from ppmcal.controllers.text import read_text
 from ppmcal.errors import BadInput
-from ppmcal.limits import CONFIG_BYTES
 from ppmcal.linalg import Array
 from ppmcal.model.motions import TRANSLATIONAL
 from ppmcal.notes import Note
-from ppmcal.store.inputs import read_bytes
 from ppmcal.wording import pluralize
 
 SIGMA, POSITION = 0.5, 1.0
@@ -47,8 +46,7 @@ def import_config(path: Path, options: Mapping[str, Any]) -> ImportedFiles:
     """
     samples = read_samples(path)
     given = options["anchors"]
-    config = None if given is None else parse_config(
-        read_bytes(Path(given), CONFIG_BYTES).decode("utf-8-sig", errors="replace"), str(given))
+    config = None if given is None else parse_config(read_text(given), str(given))
     anchors, origin, tolerance = _anchors(samples, config, str(given))
     findings = list[str]()
     runs = list(_runs(samples, None if config is None else config.spools, path, findings))

@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 
 from ppmcal.controllers.hangprinter.config import FARTHEST, NAMES, Spools, spools_of
+from ppmcal.controllers.text import read_text
 from ppmcal.errors import BadInput
-from ppmcal.limits import CONFIG_BYTES
 from ppmcal.linalg import Array
-from ppmcal.store.inputs import read_bytes
 from ppmcal.wording import pluralize
 
 MOTORS = ("motor_samples", "motor_pos_samp")
@@ -63,8 +62,7 @@ def read_samples(path: Path) -> list[Samples]:
     Raises:
         BadInput: it holds none, or what is wrong in one of them.
     """
-    data = read_bytes(path, CONFIG_BYTES)
-    text = data.decode("utf-8-sig", errors="replace")
+    text = read_text(path)
     found = (_json_lines(text, path) if text.lstrip().startswith("{")
              else _script(text, str(path)))
     sizes = {one.motors.shape[1] for one in found}

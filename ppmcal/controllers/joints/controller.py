@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ppmcal.controllers.export import Exported, NotExpressed, Number
+from ppmcal.controllers.export import Exported, NotExpressed, Number, effect_lacking, misread
 from ppmcal.controllers.joints.file import MOST, format_triplets, parse_triplets
 from ppmcal.controllers.joints.tables import (
     CorrectionTable,
@@ -21,7 +21,7 @@ from ppmcal.controllers.joints.tables import (
 )
 from ppmcal.controllers.pose_errors import ErrorSummary, pose_errors
 from ppmcal.controllers.pose_grid import at_rest, completed_poses, default_grid, instrument_notes
-from ppmcal.errors import BadInput, NoResult
+from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.partial_pose import inverse_partial, pose_motor
@@ -68,8 +68,7 @@ def _files(tables: tuple[CorrectionTable, ...]) -> dict[str, str]:
     for own in tables:
         text = format_triplets(own.table)
         if parse_triplets(text, file_name(own)) != own.table:
-            raise NoResult("the lines read back as another table", file_name(own),
-                           "This is a fault of ppmcal; do not use them")
+            raise misread(file_name(own), "the lines read back as another table")
         out[file_name(own)] = text
     return out
 
@@ -114,8 +113,7 @@ def _not_expressed(mechanism: Mechanism, tables: tuple[CorrectionTable, ...], tr
             needs = effect.kind.needs
             why = (f"which depends on {', '.join(needs)} and is not in the figures either"
                    if needs else "which acts on more than the joints")
-            yield NotExpressed(f"effect {effect.kind.name}, {why}",
-                               tuple(names[p] for p in effect.parameters.values()), None)
+            yield effect_lacking(mechanism, effect, f", {why}")
 
 
 def joints_alone(mechanism: Mechanism) -> Mechanism:

@@ -11,13 +11,13 @@ comment or an empty line included, and takes at most 256 lines, their nominals i
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
+from ppmcal.controllers.text import DECIMAL
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array
 
@@ -27,7 +27,6 @@ LONGEST = 250
 """Characters of a line; LinuxCNC cuts longer ones in two (LINELEN)."""
 DIGITS = 9
 """Decimals of what is written."""
-_NUMBER = re.compile(r"[-+]?(\d+(?:\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 Numbers = tuple[float, ...]
 
 
@@ -65,7 +64,7 @@ def parse_triplets(text: str, source: str) -> Triplets:
     rows: list[Numbers] = []
     for n, line in enumerate(lines, 1):
         words = line.split()
-        values = [float(w) for w in words if _NUMBER.fullmatch(w)]
+        values = [float(w) for w in words if DECIMAL.fullmatch(w)]
         if len(words) != 3 or len(values) != 3 or not all(math.isfinite(v) for v in values):
             shown = line.strip()
             raise BadInput(f"'{shown[:40]}' is not three numbers: LinuxCNC stops reading here"

@@ -11,22 +11,20 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ppmcal.controllers.delta.geometry import ANGLES, DIGITS, TOWERS, DeltaGeometry, above_zero
-from ppmcal.controllers.klipper.lines import HEADER, ConfigLine, decoded, lines_of, unread
+from ppmcal.controllers.klipper.lines import HEADER, TEXT_WANTED, ConfigLine, lines_of, unread
+from ppmcal.controllers.text import DECIMAL, commented, read_text
 from ppmcal.errors import BadInput
-from ppmcal.limits import CONFIG_BYTES
-from ppmcal.store.inputs import read_bytes
 
 LARGEST = 1e9
 """mm, degrees, microsteps: no number of a printer is as large."""
 GEOMETRY_KEYS = ("printer.delta_radius", *(f"stepper_{tower}.{key}" for tower in TOWERS
                  for key in ("angle", "arm_length", "position_endstop")))
 """``section.key`` of every number of a delta's geometry."""
-_NUMBER = re.compile(r"[-+]?(\d+(?:\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _MINE = re.compile(r"printer|stepper_.*|delta_calibrate")
 
 
@@ -96,10 +94,12 @@ class Config:
             raise BadInput("is missing", self.at(section, key),
                            f"Add a line such as `{key}: 100` to the section")
         parts = [p.strip() for p in entry.text.split(",")]
-        good = len(parts) == count and all(_NUMBER.fullmatch(p) for p in parts)
+        good = len(parts) == count and all(DECIMAL.fullmatch(p) for p in parts)
         values = tuple(float(p) for p in parts) if good else ()
         if not good or not all(abs(v) <= LARGEST for v in values):
-            raise BadInput(f"'{entry.text[:40]}' is not {_count(count)}", self.at(section, key),
+            raise BadInput(f"'{entry.text[:40]}' is not "
+                           + ("a number" if count == 1 else f"{count} numbers"),
+                           self.at(section, key),
                            "Write decimal numbers" + (", separated by commas" if count > 1 else ""))
         return values
 
@@ -112,18 +112,13 @@ class Config:
         return above_zero(value, self.at(section, key)) if positive else value
 
 
-def _count(count: int) -> str:
-    return "a number" if count == 1 else f"{count} numbers"
-
-
 def read_config(path: str | os.PathLike[str]) -> Config:
     """Return a configuration file as sections of text.
 
     Raises:
         BadInput: not a text file, or not of this syntax where it matters.
     """
-    text = decoded(read_bytes(Path(path), CONFIG_BYTES), str(path))
-    return parse_config(text, str(path), Path(path))
+    return parse_config(read_text(path, TEXT_WANTED), str(path), Path(path))
 
 
 def parse_config(text: str, source: str, path: Path | None = None) -> Config:
@@ -214,17 +209,40 @@ def read_step(config: Config, name: str) -> float:
     turn = config.number(name, "rotation_distance", positive=True)
     steps = config.number(name, "full_steps_per_rotation", 200.0, positive=True)
     steps *= config.number(name, "microsteps", positive=True)
-    ratio = config.section(name).get("gear_ratio")
-    for part in ratio.text.split(",") if ratio is not None and ratio.text else ():
-        pair = [p.strip() for p in part.split(":")]
-        if len(pair) != 2 or not all(_NUMBER.fullmatch(p) and float(p) > 0.0 for p in pair):
-            raise BadInput(f"'{part.strip()[:40]}' is not a gear ratio",
-                           config.at(name, "gear_ratio"), "Write teeth such as `57:11, 2:1`")
-        steps *= float(pair[0]) / float(pair[1])
+    steps = geared(config, name, steps, "57:11, 2:1")
     if not (0.0 < steps < math.inf and turn / steps > 0.0):
         raise BadInput("these numbers give no travel per step", config.at(name, "gear_ratio"),
                        "Check rotation_distance, microsteps and gear_ratio")
     return turn / steps
+
+
+def geared(config: Config, name: str, steps: float, example: str) -> float:
+    """Return steps of a motor's turn as those of what its gears drive, if it has any.
+
+    Raises:
+        BadInput: a pair of teeth is none; the hint has ``example``.
+    """
+    ratio = config.section(name).get("gear_ratio")
+    for part in ratio.text.split(",") if ratio is not None and ratio.text else ():
+        pair = [p.strip() for p in part.split(":")]
+        if len(pair) != 2 or not all(
+                DECIMAL.fullmatch(p) and 0.0 < float(p) < math.inf for p in pair):
+            raise BadInput(f"'{part.strip()[:40]}' is not a gear ratio",
+                           config.at(name, "gear_ratio"), f"Write teeth such as `{example}`")
+        steps *= float(pair[0]) / float(pair[1])
+    return steps
+
+
+def read_touches(config: Config) -> tuple[list[tuple[float, ...]], list[tuple[float, ...]]]:
+    """Return what DELTA_CALIBRATE saved: heights and distances, and where carriages were."""
+    return ([row for kind in ("height", "manual_height")
+             for row in read_rows(config, kind, ("pos",))],
+            read_rows(config, "distance", ("pos1", "pos2")))
+
+
+def moved(rows: Sequence[tuple[float, ...]], step: Sequence[float]) -> list[tuple[float, ...]]:
+    """Return rows of a value and microsteps of a, b, c, once or twice, with these as travel."""
+    return [(row[0], *(s * step[i % 3] for i, s in enumerate(row[1:]))) for row in rows]
 
 
 def read_rows(config: Config, what: str, ends: tuple[str, ...]) -> list[tuple[float, ...]]:
@@ -248,12 +266,18 @@ def read_rows(config: Config, what: str, ends: tuple[str, ...]) -> list[tuple[fl
     return out
 
 
-def format_geometry(geometry: DeltaGeometry, comment: str = "") -> str:
-    """Return the lines to paste into a ``printer.cfg``."""
-    lines = [f"# {line}".rstrip() for line in comment.splitlines()]
-    lines += ["[printer]", f"delta_radius: {geometry.radius:.{DIGITS}f}"]
-    for i, tower in enumerate(TOWERS):
-        lines += ["", f"[stepper_{tower}]", f"angle: {geometry.angles[i]:.{DIGITS}f}",
-                  f"arm_length: {geometry.arms[i]:.{DIGITS}f}",
-                  f"position_endstop: {geometry.endstops[i]:.{DIGITS}f}"]
+def config_lines(numbers: Iterable[tuple[str, float]], comment: str = "") -> str:
+    """Return the lines to paste into a ``printer.cfg``, of ``section.key`` and value each."""
+    lines, section = commented(comment), ""
+    for name, value in numbers:
+        own, _, key = name.partition(".")
+        if own != section:
+            lines += [""] * bool(section) + [f"[{own}]"]
+            section = own
+        lines.append(f"{key}: {value:.{DIGITS}f}")
     return "\n".join(lines) + "\n"
+
+
+def format_geometry(geometry: DeltaGeometry, comment: str = "") -> str:
+    """Return the lines of a linear delta."""
+    return config_lines(geometry.named().items(), comment)

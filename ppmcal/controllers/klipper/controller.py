@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,8 +11,7 @@ from ppmcal.controllers.delta.export import export_delta
 from ppmcal.controllers.delta.firmware import DeltaFirmware, DeltaFit
 from ppmcal.controllers.delta.geometry import TOWERS, DeltaGeometry, travel
 from ppmcal.controllers.delta.importer import printer_importer
-from ppmcal.controllers.delta.printer import Printer
-from ppmcal.controllers.export import Exported
+from ppmcal.controllers.export import Exported, refuse_poses
 from ppmcal.controllers.importing import Imported
 from ppmcal.controllers.klipper.config import (
     Config,
@@ -74,8 +73,7 @@ KLIPPER = DeltaFirmware(
 def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
     """Return the machine in Klipper's numbers; see :class:`ppmcal.controllers.export.Exporter`."""
     if is_rotary_delta(mechanism):
-        if poses is not None:
-            raise BadInput("klipper takes numbers, not poses", "--poses", "Leave it out")
+        refuse_poses(KLIPPER.name, poses)
         made = export_rotary(mechanism, old)
     else:
         made = export_delta(KLIPPER, mechanism, old, poses)
@@ -101,12 +99,7 @@ def patch(exported: Exported, old: Path) -> Exported:
     return replace(exported, files={**exported.files, COPY: text}, advice=(advice,))
 
 
-def _printer(path: Path, rods: float | None, meshes: Sequence[str], radius: float | None
-             ) -> Printer:
-    return with_own_fit(read_printer(path, rods, meshes, radius))
-
-
-_linear = printer_importer(_printer)
+_linear = printer_importer(lambda *asked: with_own_fit(read_printer(*asked)))
 
 
 def import_config(path: Path, options: Mapping[str, Any]) -> Imported:

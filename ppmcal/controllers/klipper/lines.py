@@ -14,15 +14,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ppmcal.controllers.text import read_text
 from ppmcal.errors import BadInput
-from ppmcal.limits import CONFIG_BYTES
-from ppmcal.store.inputs import read_bytes
 
 SAVED = "#*#"
 BLOCK = ("#*# <---------------------- SAVE_CONFIG ---------------------->",
          "#*# DO NOT EDIT THIS BLOCK OR BELOW. The contents are auto-generated.", "#*#")
 """How the block of ``SAVE_CONFIG`` begins; Klipper wants these lines to the letter."""
 MOST_FILES = 200
+TEXT_WANTED = "Give the printer.cfg of a printer"
 HEADER = re.compile(r"\[([^]]*)\]")
 _INCLUDE = "include "
 
@@ -51,17 +51,6 @@ class ConfigLines:
     block: list[ConfigLine] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
     unknown: list[str] = field(default_factory=list)
-
-
-def decoded(data: bytes, source: str) -> str:
-    """Return a configuration file's text.
-
-    Raises:
-        BadInput: it is not text.
-    """
-    if b"\0" in data:
-        raise BadInput("is not a text file", source, "Give the printer.cfg of a printer")
-    return data.decode("utf-8-sig", errors="replace")
 
 
 def split(text: str) -> list[str]:
@@ -118,8 +107,8 @@ def _included(file: Path, line: ConfigLine, chain: tuple[Path, ...], out: Config
                        f"{line.source}: line {line.number}",
                        "Put what describes the machine into one file")
     out.files.append(str(file))
-    text = decoded(read_bytes(file, CONFIG_BYTES), str(file))
-    inner = [ConfigLine(t, n, str(file)) for n, t in enumerate(split(text), 1)]
+    inner = [ConfigLine(t, n, str(file))
+             for n, t in enumerate(split(read_text(file, TEXT_WANTED)), 1)]
     yield from _followed(inner, file, (*chain, file.resolve()), out)
 
 

@@ -9,16 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from ppmcal.controllers.delta.geometry import MM, TOWERS, DeltaGeometry, Triple, travel
+from ppmcal.controllers.delta.geometry import MM, TOWERS, DeltaGeometry, travel
 from ppmcal.controllers.delta.printer import Mesh, Printer, in_rows, mesh_of
 from ppmcal.controllers.klipper.config import (
     GEOMETRY_KEYS,
     LARGEST,
     Config,
+    moved,
     read_config,
     read_geometry,
-    read_rows,
     read_step,
+    read_touches,
 )
 from ppmcal.controllers.klipper.nominal import read_nominal
 from ppmcal.errors import BadInput, unknown
@@ -56,10 +57,7 @@ def read_printer(path: str | os.PathLike[str], rods: float | None = None,
     geometry, result = read_geometry(config), read_geometry(config.as_saved())
     nominal = read_nominal(config, result, rods, radius)
     a, b, c = (read_step(config, f"stepper_{t}") for t in TOWERS)
-    heights = [_travelled(row, (a, b, c)) for kind in ("height", "manual_height")
-               for row in read_rows(config, kind, ("pos",))]
-    distances = [_travelled(row, (a, b, c))
-                 for row in read_rows(config, "distance", ("pos1", "pos2"))]
+    heights, distances = (moved(rows, (a, b, c)) for rows in read_touches(config))
     beds = tuple(_mesh(config, geometry, name) for name in meshes)
     findings = [Note(f"[include {name}] is not beside the file, and not followed: what stands "
                      "there is not known") for name in config.includes]
@@ -113,11 +111,6 @@ def _overruled(config: Config) -> list[Note]:
 def _mesh_names(config: Config) -> list[str]:
     return [name.removeprefix("bed_mesh ") for name in config.sections
             if name.startswith("bed_mesh ")]
-
-
-def _travelled(row: tuple[float, ...], step: Triple) -> tuple[float, ...]:
-    """Return a value and microsteps of a, b, c, once or twice, with these as mm."""
-    return row[0], *(s * step[i % len(step)] for i, s in enumerate(row[1:]))
 
 
 def _mesh(config: Config, geometry: DeltaGeometry, name: str) -> Mesh:

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal.controllers.delta.geometry import DIGITS, MM, TOWERS, Triple, rounded
-from ppmcal.controllers.klipper.config import Config
+from ppmcal.controllers.klipper.config import Config, config_lines, geared
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array
 
@@ -115,30 +115,12 @@ def read_motor_step(config: Config, arm: str) -> float:
     if gear is None or not gear.text:
         raise BadInput("is missing", config.at(name, "gear_ratio"),
                        "Klipper wants the teeth from motor to arm, such as `107:16, 60:16`")
-    for part in gear.text.split(","):
-        pair = [p.strip() for p in part.split(":")]
-        try:
-            first, second = (float(p) for p in pair)
-        except ValueError:
-            first = second = 0.0
-        if not (0.0 < first < math.inf and 0.0 < second < math.inf):
-            raise BadInput(f"'{part.strip()[:40]}' is not a gear ratio",
-                           config.at(name, "gear_ratio"), "Write teeth such as `107:16, 60:16`")
-        steps *= first / second
-    return 360.0 / steps
+    return 360.0 / geared(config, name, steps, "107:16, 60:16")
 
 
 def format_rotary(delta: RotaryDelta, comment: str = "") -> str:
     """Return the lines to paste into a ``printer.cfg``."""
-    lines = [f"# {line}".rstrip() for line in comment.splitlines()]
-    section = ""
-    for name, value in delta.named():
-        own, _, key = name.partition(".")
-        if own != section:
-            lines += [""] * bool(section) + [f"[{own}]"]
-            section = own
-        lines.append(f"{key}: {value:.{DIGITS}f}")
-    return "\n".join(lines) + "\n"
+    return config_lines(delta.named(), comment)
 
 
 def arm_angles(delta: RotaryDelta, point: Array) -> Array:

@@ -11,17 +11,27 @@ import yaml
 from scipy.optimize import least_squares
 
 from ppmcal import algebra as cga
-from ppmcal.controllers.delta.files import (
-    DISTANCE_SIGMA,
-    HEIGHT_SIGMA,
-    touch_sidecar,
-    touch_table,
+from ppmcal.controllers.delta.files import touch_files
+from ppmcal.controllers.delta.fit import (
+    ENOUGH,
+    EXACT,
+    disc,
+    error_summary,
+    laid_on,
+    reached_with_both,
 )
-from ppmcal.controllers.delta.fit import ENOUGH, EXACT, error_summary, laid_on
 from ppmcal.controllers.delta.geometry import MM, TOWERS
-from ppmcal.controllers.export import Exported, NotExpressed, Number
+from ppmcal.controllers.delta.machine import endstop
+from ppmcal.controllers.export import (
+    Exported,
+    NotExpressed,
+    Number,
+    effects_lacking,
+    head,
+    misread,
+)
 from ppmcal.controllers.importing import MACHINE, ImportedFiles
-from ppmcal.controllers.klipper.config import parse_config, read_config, read_rows
+from ppmcal.controllers.klipper.config import moved, parse_config, read_config, read_touches
 from ppmcal.controllers.klipper.rotary import (
     KINEMATICS,
     RotaryDelta,
@@ -62,23 +72,11 @@ def imported(path: Path) -> ImportedFiles:
     """
     config = read_config(path)
     delta = read_rotary(config)
-    rows = [row for kind in ("height", "manual_height")
-            for row in read_rows(config, kind, ("pos",))]
-    pairs = read_rows(config, "distance", ("pos1", "pos2"))
-    texts = {MACHINE: _machine_text(path, delta)}
-    q = [f"q_{t}" for t in TOWERS]
-    steps = np.array([read_motor_step(config, t) for t in TOWERS]) if rows or pairs else np.zeros(3)
-    if rows:
-        texts["heights.csv"] = touch_table(["height", *q], _turned(rows, steps))
-        texts["heights.yaml"] = touch_sidecar("heights", "plane", "height", HEIGHT_SIGMA, (
-            "# Touches: the nozzle's true height above the bed, and how far arms were below their "
-            "endstops."))
-    if pairs:
-        texts["distances.csv"] = touch_table(
-            ["distance", *q, *(f"to_{c}" for c in q)], _turned(pairs, steps))
-        texts["distances.yaml"] = touch_sidecar(
-            "distances", "distance", "distance", DISTANCE_SIGMA,
-            "# Distances on a printed part between two nozzle positions.")
+    rows, pairs = read_touches(config)
+    machine = _machine_text(path, delta)
+    steps = [read_motor_step(config, t) for t in TOWERS] if rows or pairs else []
+    texts = {MACHINE: machine, **touch_files(moved(rows, steps), moved(pairs, steps),
+                                             "how far arms were below their endstops")}
     findings = [] if rows else [Note(
         "the file holds no measured heights: run DELTA_CALIBRATE and SAVE_CONFIG on the printer, "
         "then import again", topic="heights")]
@@ -87,11 +85,6 @@ def imported(path: Path) -> ImportedFiles:
         f"{pluralize(len(pairs), 'distance')}.",
         {"heights": len(rows), "distances": len(pairs), "nominal": dict(delta.named())},
         tuple(findings), config.files)
-
-
-def _turned(rows: Sequence[tuple[float, ...]], steps: Array) -> list[tuple[float, ...]]:
-    """Return rows of a value and microsteps of a, b, c, once or twice, with these as degrees."""
-    return [(row[0], *(s * steps[i % 3] for i, s in enumerate(row[1:]))) for row in rows]
 
 
 def _machine_text(path: Path, delta: RotaryDelta) -> str:
@@ -172,14 +165,9 @@ def drive_of(mechanism: Mechanism) -> RotaryDrive:
     for i, limb in enumerate(mechanism.limbs):
         lifts = np.cross(limb.constants["base.axis"], limb.constants["base.zero"])[2]
         ratio = limb.slots.values(mechanism.nominals).get("ratio", 1.0) * np.sign(lifts)
-        end = float(mechanism.limits[limb.actuator][1 if ratio > 0.0 else 0])
-        if mechanism.actuator_has_ratio[limb.actuator] and ratio < 0.0:
-            end = 0.0
-        if not np.isfinite(end):
-            raise BadInput("the joint value at the endstop is not known",
-                           f"{mechanism.source}: limbs.{limb.name}",
-                           "Give `limits` whose end with the arm up is the endstop")
-        zero[i], scale[i] = end, 1.0 / ratio
+        zero[i] = endstop(mechanism, limb.actuator, ratio, f"{mechanism.source}: limbs.{limb.name}",
+                          "Give `limits` whose end with the arm up is the endstop")
+        scale[i] = 1.0 / ratio
     return RotaryDrive(mechanism, zero, scale)
 
 
@@ -196,11 +184,7 @@ def export_rotary(mechanism: Mechanism, old: Path | None) -> Exported:
     was = (_best(first, points).rounded() if old is None
            else read_rotary(read_config(old)))
     at_old, at_new = drive.reached(was, points), drive.reached(new, points)
-    both = finite_rows(at_old) & finite_rows(at_new)
-    if both.sum() < ENOUGH:
-        raise NoResult("with the old configuration the machine reaches next to nothing of the "
-                       "new one's workspace", mechanism.source,
-                       "Check that --old is this printer's, and its position_endstop")
+    both = reached_with_both(at_old, at_new, mechanism.source, "position_endstop")
     before, after = (error_summary(at[both], points[both]) for at in (at_old, at_new))
     lacks = tuple(_lacks(mechanism, after))
     olds = dict(was.named())
@@ -210,7 +194,9 @@ def export_rotary(mechanism: Mechanism, old: Path | None) -> Exported:
         tuple(Number(n, olds[n], v, "deg" if n.endswith("angle") else "mm")
               for n, v in new.named()),
         f"{int(both.sum())} points over the bed, z 0 to {1e3 * HEIGHTS[-1]:.0f} mm; offset and "
-        "rotation on the bed ignored", before, after, lacks, (), tuple(_advice(old)),
+        "rotation on the bed ignored", before, after, lacks, (), (Note(
+            f"Paste the lines of {FILE} into {old or 'printer.cfg'}, above its #*# lines and "
+            "below all other sections: there they win. Keep `gear_ratio` as it is.", NOTE),),
         poses=np.pad(points[both], ((0, 0), (0, 3))))
 
 
@@ -221,13 +207,10 @@ def _text(mechanism: Mechanism, new: RotaryDelta, before: ErrorSummary, after: E
     Raises:
         NoResult: as other numbers.
     """
-    text = format_rotary(new, "\n".join([
-        f"{mechanism.name}: error if the model is exact {after.words()}, before {before.words()}.",
-        "Paste above the #*# lines of printer.cfg, below all other sections: there they win.",
-        *(f"Cannot be expressed: {lack.what}." for lack in lacks)]))
+    text = format_rotary(new, head(mechanism.name, before, after, lacks, how=[
+        "Paste above the #*# lines of printer.cfg, below all other sections: there they win."]))
     if read_rotary(parse_config(f"[printer]\nkinematics: {KINEMATICS}\n{text}", FILE)) != new:
-        raise NoResult("the lines read back as other numbers", FILE,
-                       "This is a fault of ppmcal; do not use them")
+        raise misread(FILE)
     return text
 
 
@@ -236,9 +219,7 @@ def _points(mechanism: Mechanism) -> Array:
     nominal = mechanism.nominal()
     firmware = _read_off(drive_of(nominal))
     radius = DISC * max(firmware.radius, *firmware.upper) * MM
-    side = np.linspace(-radius, radius, ACROSS)
-    x, y, z = (a.ravel() for a in np.meshgrid(side, side, HEIGHTS, indexing="ij"))
-    points = np.stack([x, y, z], axis=-1)[np.hypot(x, y) <= radius * (1.0 + 1e-9)]
+    points = disc(radius, ACROSS, HEIGHTS)
     at = drive_of(nominal).reached(firmware, points)
     points = points[finite_rows(at) & finite_rows(drive_of(mechanism).reached(firmware, points))]
     if len(points) < ENOUGH:
@@ -311,15 +292,6 @@ def _lacks(mechanism: Mechanism, after: ErrorSummary) -> Iterator[NotExpressed]:
                                                             "ratio")))
         yield NotExpressed("shoulders at radii and heights of their own, axes that are not "
                            "square to the arms' planes, or gears that differ", changed, after)
-    for effect in mechanism.effects:
-        if not effect.kind.instrument:
-            yield NotExpressed(
-                f"effect {effect.kind.name}, which the figures above do not hold either",
-                tuple(mechanism.names[p] for p in effect.parameters.values()), None)
-
-
-def _advice(old: Path | None) -> Iterator[Note]:
-    yield Note(f"Paste the lines of {FILE} into {old or 'printer.cfg'}, above its #*# lines and "
-               "below all other sections: there they win. Keep `gear_ratio` as it is.", NOTE)
+    yield from effects_lacking(mechanism)
 
 

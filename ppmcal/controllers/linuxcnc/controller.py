@@ -14,6 +14,9 @@ from ppmcal.controllers.export import (
     Exported,
     NotExpressed,
     Number,
+    effects_lacking,
+    head,
+    misread,
     offset_words,
 )
 from ppmcal.controllers.linuxcnc.arithmetic import (
@@ -91,12 +94,9 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
     ini = tuple(joint.rounded() for joint in joints(drive, new))
     lacks = tuple(_not_expressed(mechanism, drive, around))
     notes = (*over.notes, *_notes(drive, new, unit, poses is not None and _lateral(drive) != []))
-    head = "\n".join([
-        f"{mechanism.name}: error if the model is exact {after.words()}, before "
-        f"{was.words()}.", *(f"Cannot be expressed: {lack.what}." for lack in lacks),
-        *(f"Note: {note}." for note in notes)])
     return Exported(
-        "linuxcnc", "LinuxCNC", _files(drive, new.geometry, ini, unit, head),
+        "linuxcnc", "LinuxCNC", _files(
+            drive, new.geometry, ini, unit, head(mechanism.name, was, after, lacks, notes)),
         f"genhexkins' numbers hold {'most of it, fitted' if lacks else 'all of the geometry'}",
         tuple(_numbers(before.geometry, new.geometry, ini, unit)), over.words, was,
         after, lacks, notes, tuple(_advice(ini, unit)),
@@ -178,7 +178,7 @@ def _taken(
 
 
 def _files(
-    drive: LinuxcncDrive, geometry: HexapodGeometry, ini: tuple[Joint, ...], unit: str, head: str
+    drive: LinuxcncDrive, geometry: HexapodGeometry, ini: tuple[Joint, ...], unit: str, comment: str
 ) -> dict[str, str]:
     """Return the two files, read back and found equal.
 
@@ -188,7 +188,7 @@ def _files(
     names = [limb.name for limb in drive.mechanism.limbs]
     pose = commands(drive.mechanism.home[None], drive.unit)[0]
     texts = {
-        HAL: format_hal(geometry, names, f"{head}\nPins of LinuxCNC's genhexkins; lengths in "
+        HAL: format_hal(geometry, names, f"{comment}\nPins of LinuxCNC's genhexkins; lengths in "
                         f"{WORD[unit]}, as [TRAJ]LINEAR_UNITS must be."),
         JOINTS: format_joints(ini, names, "\n".join([
             f"What {HAL} needs of the machine's INI file; lengths in {WORD[unit]}.",
@@ -197,8 +197,7 @@ def _files(
             f"[TRAJ]HOME = {' '.join(f'{v + 0.0:.6f}' for v in np.round(pose, 6))}"]))}
     if (read_geometry(parse_hal(texts[HAL], HAL)) != geometry
             or parse_joints(texts[JOINTS], JOINTS) != ini):
-        raise NoResult("the lines read back as other numbers", f"{HAL}, {JOINTS}",
-                       "This is a fault of ppmcal; do not use them")
+        raise misread(f"{HAL}, {JOINTS}")
     return texts
 
 
@@ -225,30 +224,24 @@ def _lateral(drive: LinuxcncDrive) -> list[int]:
 def _not_expressed(mechanism: Mechanism, drive: LinuxcncDrive, around: Array
                    ) -> Iterator[NotExpressed]:
     """Yield what genhexkins has no number for, each with the cost of that alone."""
-    for strut in _lateral(drive):
-        limb = mechanism.limbs[strut]
-        used = [p for slot, p in limb.slots.direct
-                if slot.startswith(("joint2.", "joint3.")) and mechanism.values[p]]
+    def lacking(words: str, used: list[int]) -> NotExpressed:
         alone = drive_of(_only(mechanism, used), drive.unit)
         pose = around[within(alone.mechanism, around)]
-        found = best(alone, genhexkins_setting(alone), pose) if len(pose) >= ENOUGH else None
-        yield NotExpressed(
-            f"joints 2 and 3 of {limb.name} stand {drive.legs.beside[strut] * 1e3:.4g} mm beside "
-            "the driven line", tuple(mechanism.names[p] for p in used),
-            None if found is None else predicted_errors(alone, found, pose))
+        cost = None if len(pose) < ENOUGH else predicted_errors(
+            alone, best(alone, genhexkins_setting(alone), pose), pose)
+        return NotExpressed(words, tuple(mechanism.names[p] for p in used), cost)
+
+    for strut in _lateral(drive):
+        limb = mechanism.limbs[strut]
+        yield lacking(f"joints 2 and 3 of {limb.name} stand "
+                      f"{drive.legs.beside[strut] * 1e3:.4g} mm beside the driven line",
+                      [p for slot, p in limb.slots.direct
+                       if slot.startswith(("joint2.", "joint3.")) and mechanism.values[p]])
     for limb in mechanism.limbs:
         for slot, p in limb.slots.direct:
             if slot.endswith(AXIS_OFFSET) and mechanism.values[p]:
-                alone = drive_of(_only(mechanism, [p]), drive.unit)
-                pose = around[within(alone.mechanism, around)]
-                found = (best(alone, genhexkins_setting(alone), pose) if len(pose) >= ENOUGH
-                         else None)
-                yield NotExpressed(
-                    offset_words(limb.name, float(mechanism.values[p])), (mechanism.names[p],),
-                    None if found is None else predicted_errors(alone, found, pose))
-    for effect in mechanism.effects:
-        yield NotExpressed(f"effect {effect.kind.name}, which the figures above do not hold either",
-                           tuple(mechanism.names[p] for p in effect.parameters.values()), None)
+                yield lacking(offset_words(limb.name, float(mechanism.values[p])), [p])
+    yield from effects_lacking(mechanism, instruments=True)
 
 
 def _only(mechanism: Mechanism, used: list[int]) -> Mechanism:

@@ -15,12 +15,10 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from textwrap import wrap
 
+from ppmcal.controllers.text import DECIMAL, read_text
 from ppmcal.errors import BadInput
-from ppmcal.limits import CONFIG_BYTES
-from ppmcal.store.inputs import read_bytes
 
 STRUTS = 6
 DIGITS = 7
@@ -40,7 +38,6 @@ SCALARS = ("screw-lead", "spindle-offset", "tool-offset")
 ITERATION = ("convergence-criterion", "limit-iterations", "max-error")
 _PINS = tuple([f"{group}.{n}.{c}" for group in GROUPS for n in range(STRUTS) for c in "xyz"]
               + [*SCALARS, *ITERATION])
-_NUMBER = re.compile(r"[-+]?(\d+(?:\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _HEAD = "genhexkins."
 _LINKS = ("net", "linkps", "linksp", "linkpp")
 
@@ -116,10 +113,7 @@ def read_hal(path: str | os.PathLike[str]) -> Hal:
     Raises:
         BadInput: not a text file, or a line on these pins that cannot be read.
     """
-    data = read_bytes(Path(path), CONFIG_BYTES)
-    if b"\0" in data:
-        raise BadInput("is not a text file", str(path), "Give a HAL file, such as kinematics.hal")
-    return parse_hal(data.decode("utf-8-sig", errors="replace"), str(path))
+    return parse_hal(read_text(path, "Give a HAL file, such as kinematics.hal"), str(path))
 
 
 def parse_hal(text: str, source: str) -> Hal:
@@ -283,7 +277,7 @@ def parse_joints(text: str, source: str) -> tuple[Joint, ...]:
 
 def _decimal(text: str, where: str) -> float:
     """Return a finite decimal number."""
-    value = float(text) if _NUMBER.fullmatch(text) else math.nan
+    value = float(text) if DECIMAL.fullmatch(text) else math.nan
     if not math.isfinite(value):
         raise BadInput(f"'{text[:40]}' is not a number", where, "Write a decimal number")
     return value

@@ -21,7 +21,14 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ppmcal import algebra as cga
-from ppmcal.controllers.export import Exported, NotExpressed, Number
+from ppmcal.controllers.export import (
+    Exported,
+    NotExpressed,
+    Number,
+    effects_lacking,
+    head,
+    misread,
+)
 from ppmcal.controllers.linuxcnc.hal import DIGITS, Joint, format_joints, parse_joints
 from ppmcal.controllers.pose_errors import pose_errors
 from ppmcal.errors import BadInput, NoResult
@@ -112,11 +119,8 @@ def export_pentapod(mechanism: Mechanism, old: Path | None, poses: Path | None) 
     lacks = tuple(_lacks(mechanism, bare, wanted, new, held))
     before, after = (pose_errors(bare, _reached(bare, s, wanted), wanted) for s in (nominal, new))
     names = [limb.name for limb in bare.limbs if limb.driven]
-    head = "\n".join([f"{mechanism.name}: error if the model is exact {after.words()}, before "
-                      f"{before.words()}.", *(f"Cannot be expressed: {k.what}." for k in lacks),
-                      "Pins of LinuxCNC's pentakins; lengths in mm, as [TRAJ]LINEAR_UNITS must "
-                      "be."])
-    texts = _files(bare, new, names, head)
+    texts = _files(bare, new, names, head(mechanism.name, before, after, lacks) + (
+        "\nPins of LinuxCNC's pentakins; lengths in mm, as [TRAJ]LINEAR_UNITS must be."))
     return Exported(
         "linuxcnc", "LinuxCNC", texts,
         f"pentakins' numbers hold {'most of it, fitted' if lacks else 'all of the geometry'}",
@@ -128,7 +132,7 @@ def export_pentapod(mechanism: Mechanism, old: Path | None, poses: Path | None) 
         poses=pose_vector(wanted))
 
 
-def _files(mechanism: Mechanism, new: PentapodSetting, names: list[str], head: str
+def _files(mechanism: Mechanism, new: PentapodSetting, names: list[str], comment: str
            ) -> dict[str, str]:
     """Return the two files, read back.
 
@@ -138,13 +142,12 @@ def _files(mechanism: Mechanism, new: PentapodSetting, names: list[str], head: s
     home = strut_lengths(new.numbers, mechanism.home[None])[0] / UNIT
     ini = tuple(Joint(float(h), float(s), float(d / UNIT)).rounded()
                 for h, s, d in zip(home, new.stretch, new.shift, strict=True))
-    texts = {HAL: format_pins(new.numbers, names, head),
+    texts = {HAL: format_pins(new.numbers, names, comment),
              JOINTS: format_joints(ini, names, f"What {HAL} needs of the machine's INI file; "
                                    "lengths in mm. Change 'present' once.")}
     if (not np.array_equal(parse_pins(texts[HAL], HAL), np.round(new.numbers / UNIT, DIGITS) + 0.0)
             or parse_joints(texts[JOINTS], JOINTS) != ini):
-        raise NoResult("the lines read back as other numbers", f"{HAL}, {JOINTS}",
-                       "This is a fault of ppmcal; do not use them")
+        raise misread(f"{HAL}, {JOINTS}")
     return texts
 
 
@@ -229,11 +232,7 @@ def _lacks(mechanism: Mechanism, bare: Mechanism, wanted: Array, new: PentapodSe
         yield NotExpressed("joints on the platform whose axes are beside its z axis, or not along "
                            "it, and joints out of their places", names,
                            pose_errors(bare, _reached(bare, new, wanted), wanted))
-    for effect in mechanism.effects:
-        if not effect.kind.instrument:
-            yield NotExpressed(
-                f"effect {effect.kind.name}, which the figures above do not hold either",
-                tuple(mechanism.names[p] for p in effect.parameters.values()), None)
+    yield from effects_lacking(mechanism)
 
 
 def _table(old: PentapodSetting, new: PentapodSetting) -> Iterator[Number]:

@@ -22,14 +22,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ppmcal.controllers.delta.geometry import ANGLES, MM, DeltaGeometry, Triple, rounded, triple
-from ppmcal.controllers.reprap.config import Lines, parse_lines
+from ppmcal.controllers.delta import geometry as delta_geometry
+from ppmcal.controllers.delta.gcode import DIGITS, Lines, parse_lines, two_lines, words
+from ppmcal.controllers.delta.geometry import DeltaGeometry, Triple, rounded, triple
+from ppmcal.controllers.text import read_text
 from ppmcal.errors import BadInput
-from ppmcal.limits import CONFIG_BYTES
 from ppmcal.linalg import Array
-from ppmcal.store.inputs import read_bytes
 
-DIGITS = 4
 LETTERS = {665: "LRHSXYZABC", 666: "XYZ"}
 _LEAD = re.compile(r"^(?:[^;\n]*?\becho:|\s*>+|\s*Recv:|\s*<<<)\s*(?=[;MGNmgn])", re.MULTILINE)
 """What stands before a line in what a host shows of a report."""
@@ -71,10 +70,7 @@ def read_lines(path: Path) -> Lines:
     Raises:
         BadInput: it is no text, or its M665 or M666 cannot be read.
     """
-    data = read_bytes(Path(path), CONFIG_BYTES)
-    if b"\0" in data:
-        raise BadInput("is not a text file", str(path), "Give what M503 sent")
-    return parse(data.decode("utf-8-sig", errors="replace"), str(path))
+    return parse(read_text(path, "Give what M503 sent"), str(path))
 
 
 def parse(text: str, source: str) -> Lines:
@@ -94,40 +90,27 @@ def read_delta(lines: Lines) -> MarlinDelta:
     radius = lines.number("M665 R", positive=True)
     rod = lines.number("M665 L", positive=True)
     new = "M665 A" in lines.values or "M665 C" in lines.values
-    trims = _triple(lines, "M665", "ABC") if new else None
-    backs = _triple(lines, "M666", "XYZ")
+    trims = lines.triple("M665", "ABC") if new else None
+    backs = lines.triple("M666")
     for tower, (trim, back) in zip("XYZ", zip(trims or (0.0,) * 3, backs, strict=True),
                                    strict=True):
-        if rod + trim <= radius:
-            raise BadInput(f"the rod of tower {tower}, {rod + trim:g} mm, does not reach the "
-                           f"middle: R is {radius:g} mm", lines.at("M665 L"),
-                           "Check both lengths; L is the longer one")
+        lines.refuse_short(tower, rod + trim, radius)
         if back > 0.0:
             raise BadInput(f"{back:g} is above 0, and Marlin refuses it",
                            lines.at(f"M666 {tower}"), "Write 0 or less, and the rest into H")
-    segments = lines.number("M665 S", positive=True) if "M665 S" in lines.values else None
-    return MarlinDelta(radius, rod, lines.number("M665 H"), _triple(lines, "M665", "XYZ"), trims,
-                       backs, segments)
-
-
-def _triple(lines: Lines, command: str, letters: str) -> Triple:
-    a, b, c = (lines.number(f"{command} {letter}", 0.0) for letter in letters)
-    return a, b, c
+    segments = lines.optional("M665 S")
+    return MarlinDelta(radius, rod, lines.number("M665 H"), lines.triple("M665"), trims, backs,
+                       segments)
 
 
 def format_delta(delta: MarlinDelta, comment: str = "") -> str:
     """Return M665 and M666 as M503 reports them, with every letter that another line could set."""
-    def words(letters: str, values: tuple[float, ...]) -> str:
-        return "".join(f" {letter}{value:.{DIGITS}f}"
-                       for letter, value in zip(letters, values, strict=True))
-
     delta = delta.rounded()
     first = ("M665" + words("LRH", (delta.rod, delta.radius, delta.height))
              + ("" if delta.segments is None else words("S", (delta.segments,)))
              + words("XYZ", delta.angles)
              + ("" if delta.trims is None else words("ABC", delta.trims)))
-    lines = [f"; {line}".rstrip() for line in comment.splitlines()]
-    return "\n".join([*lines, first, "M666" + words("XYZ", delta.backs)]) + "\n"
+    return two_lines(first, "M666" + words("XYZ", delta.backs), comment)
 
 
 # --- arithmetic -----------------------------------------------------------------------------------
@@ -135,20 +118,13 @@ def format_delta(delta: MarlinDelta, comment: str = "") -> str:
 
 def travel(delta: MarlinDelta, point: Array) -> Array:
     """Return how far below its endstop each carriage goes for points (N, 3), (N, 3), m."""
-    angle = np.radians(np.add(ANGLES, delta.angles))
-    x, y, z = (point[:, None, i] / MM for i in range(3))
-    rods = delta.rods
-    with np.errstate(invalid="ignore"):
-        up = np.sqrt(rods**2 - (delta.radius * np.cos(angle) - x) ** 2
-                     - (delta.radius * np.sin(angle) - y) ** 2) + z
-    homed = delta.height + np.sqrt(rods**2 - delta.radius**2)
-    return np.asarray(MM * (homed - np.array(delta.backs) - up))
+    return delta_geometry.travel(geometry_of(delta), point)
 
 
 def geometry_of(delta: MarlinDelta) -> DeltaGeometry:
     """Return the same machine as a delta's geometry."""
-    return DeltaGeometry(delta.radius, triple(np.add(ANGLES, delta.angles)), triple(delta.rods),
-                         triple(delta.height - np.array(delta.backs)))
+    return DeltaGeometry(delta.radius, delta_geometry.tower_angles(delta.angles),
+                         triple(delta.rods), triple(delta.height - np.array(delta.backs)))
 
 
 def delta_of(geometry: DeltaGeometry, old: MarlinDelta | None = None) -> MarlinDelta:
@@ -159,8 +135,7 @@ def delta_of(geometry: DeltaGeometry, old: MarlinDelta | None = None) -> MarlinD
     """
     rod = round(float(np.mean(geometry.arms)), DIGITS)
     height = round(min(geometry.endstops), DIGITS)
-    turns = (np.subtract(geometry.angles, ANGLES) + 180.0) % 360.0 - 180.0
-    own = MarlinDelta(geometry.radius, rod, height, triple(turns),
+    own = MarlinDelta(geometry.radius, rod, height, geometry.turns,
                       triple(np.subtract(geometry.arms, rod)),
                       triple(np.minimum(0.0, height - np.array(geometry.endstops))),
                       None if old is None else old.segments).rounded()

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 from ppmcal.controllers.delta.export import export_delta
 from ppmcal.controllers.delta.firmware import DeltaFirmware, DeltaFit
-from ppmcal.controllers.delta.importer import ImportedPrinter, printer_importer
-from ppmcal.controllers.delta.printer import Printer, far_radius, nominal_of
-from ppmcal.controllers.export import Exported
+from ppmcal.controllers.delta.gcode import Lines
+from ppmcal.controllers.delta.importer import printer_importer
+from ppmcal.controllers.delta.printer import Printer, stated_nominal
 from ppmcal.controllers.marlin.config import (
     MarlinDelta,
     delta_of,
@@ -22,8 +21,6 @@ from ppmcal.controllers.marlin.config import (
     read_lines,
     travel,
 )
-from ppmcal.controllers.reprap.config import Lines
-from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import NOTE, Note
 
 NAN = float("nan")
@@ -75,26 +72,10 @@ def read_printer(path: Path, rods: float | None = None, meshes: Sequence[str] = 
         BadInput: anything wrong in the file.
     """
     now = geometry_of(read_delta(read_lines(path)))
-    meant = now if rods is None else replace(now, arms=(rods, rods, rods))
-    meant = meant if radius is None else replace(meant, radius=radius)
-    where = "the report"
-    nominal = nominal_of(str(path), meant, now, {
-        "delta_radius": "--radius" if radius else where, "rods": "--rods" if rods else where,
-        "endstops": where}, rods)
-    findings = [] if radius is None else far_radius(radius, now.radius)
+    nominal, findings = stated_nominal(str(path), now, now, "the report", rods, radius)
     findings.append(Note("the report holds no touches: write heights and carriages below their "
                          "endstops into a table with columns height, q_a, q_b, q_c"))
     return Printer(str(path), now, (NAN, NAN, NAN), nominal, findings=tuple(findings))
 
 
-_reader = printer_importer(read_printer)
-
-
-def import_config(path: Path, options: Mapping[str, Any]) -> ImportedPrinter:
-    """Return a printer's files; see :class:`ppmcal.controllers.importing.Importer`."""
-    return _reader(path, {"mesh": (), **options})
-
-
-def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
-    """Return the machine as M665 and M666; see :class:`ppmcal.controllers.export.Exporter`."""
-    return export_delta(MARLIN, mechanism, old, poses)
+export, import_config = partial(export_delta, MARLIN), printer_importer(read_printer)

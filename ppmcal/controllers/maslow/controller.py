@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,11 +22,12 @@ from ppmcal.controllers.ropes.export import (
     shift_words,
 )
 from ppmcal.controllers.ropes.machine import RopeGeometry, holds_a_point, rope_geometry
+from ppmcal.controllers.text import read_text
 from ppmcal.errors import BadInput, NoResult
+from ppmcal.limits import TABLE_BYTES
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import NOTE, Note
-from ppmcal.store.inputs import read_bytes
 
 COPY = "maslow.yaml"
 DECIMALS = 3
@@ -112,11 +114,7 @@ MASLOW = RopeFirmware(
     "maslow", "Maslow", "anchors.yaml", order, frame, lengths,
     lambda anchors: np.zeros(len(anchors)), table, text, read, DECIMALS, advice, notes,
     "belts give other lengths than they count, by a factor of")
-
-
-def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
-    """Return the machine as anchors' keys; see :class:`ppmcal.controllers.export.Exporter`."""
-    return export_ropes(MASLOW, mechanism, old, poses)
+export = partial(export_ropes, MASLOW)
 
 
 def patch(exported: Exported, old: Path) -> Exported:
@@ -125,7 +123,7 @@ def patch(exported: Exported, old: Path) -> Exported:
     Raises:
         BadInput, NoResult: there is no such copy.
     """
-    content = read_bytes(old).decode("utf-8-sig", errors="replace")
+    content = read_text(old, limit=TABLE_BYTES)
     for number in exported.numbers:
         line = re.compile(rf"^(\s*{number.name}\s*:[ \t]*)[^\s#]+", re.IGNORECASE | re.MULTILINE)
         content, count = line.subn(rf"\g<1>{number.new:.{DECIMALS}f}", content)

@@ -10,8 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal.controllers.ropes.files import RopeRun, places_of
+from ppmcal.controllers.text import read_text
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import csv_table
+from ppmcal.limits import TABLE_BYTES
 from ppmcal.linalg import Array
 from ppmcal.notes import FINDING, Note
 from ppmcal.store.inputs import read_bytes
@@ -100,7 +102,7 @@ def read_keys(path: Path) -> dict[str, float]:
     Raises:
         BadInput: one that is needed is missing.
     """
-    return keys_of(read_bytes(path).decode("utf-8-sig", errors="replace"), str(path))
+    return keys_of(read_text(path, limit=TABLE_BYTES), str(path))
 
 
 def keys_of(text: str, source: str) -> dict[str, float]:

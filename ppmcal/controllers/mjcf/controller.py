@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.controllers.export import Exported, NotExpressed, Number
+from ppmcal.controllers.export import Exported, NotExpressed, Number, effect_lacking
 from ppmcal.controllers.mjcf.arithmetic import (
     Tree,
     TreeState,
@@ -205,12 +205,10 @@ def _not_expressed(mechanism: Mechanism, way: _Way) -> Iterator[NotExpressed]:
         if effect.kind.instrument:
             continue
         alone = replace(mechanism, effects=(effect,))
-        names = tuple(mechanism.names[p] for p in effect.parameters.values())
         needs = effect.kind.needs
         why = (f", which depends on {', '.join(needs)} and is not in the figures either"
                if needs else "")
-        yield NotExpressed(f"effect {effect.kind.name}{why}", names, None if needs else _cost(
-            alone, q, way.pose))
+        yield effect_lacking(mechanism, effect, why, None if needs else _cost(alone, q, way.pose))
 
 
 def _cost(mechanism: Mechanism, q: Array, pose: Array) -> ErrorSummary:

@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from ppmcal.controllers.delta.export import export_delta
 from ppmcal.controllers.delta.firmware import DeltaFirmware, DeltaFit
+from ppmcal.controllers.delta.gcode import Lines
 from ppmcal.controllers.delta.geometry import DeltaGeometry
 from ppmcal.controllers.delta.importer import printer_importer
-from ppmcal.controllers.export import Exported
-from ppmcal.controllers.reprap.arithmetic import delta_of, travel
 from ppmcal.controllers.reprap.config import (
     Delta,
-    Lines,
+    delta_of,
     format_delta,
-    parse_lines,
+    parse,
     read_delta,
     read_lines,
+    travel,
 )
 from ppmcal.controllers.reprap.reading import read_printer
-from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import NOTE, Note
 
 FAR = 5.0
@@ -89,10 +89,5 @@ def _advice(found: DeltaFit[Delta], old: Path | None, config: Lines | None) -> I
 REPRAP = DeltaFirmware(
     "reprap", "RepRapFirmware", "reprap.g", ("X", "Y", "Z"), "delta radius R",
     "H of M665 and X, Y, Z of M666", "divide its steps per mm (M92) by that", read_lines,
-    parse_lines, read_delta, _of, travel, _table, format_delta, _how, _advice, _notes)
-import_config = printer_importer(read_printer)
-
-
-def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
-    """Return the machine as M665 and M666; see :class:`ppmcal.controllers.export.Exporter`."""
-    return export_delta(REPRAP, mechanism, old, poses)
+    parse, read_delta, _of, travel, _table, format_delta, _how, _advice, _notes)
+export, import_config = partial(export_delta, REPRAP), printer_importer(read_printer)

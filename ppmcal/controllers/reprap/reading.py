@@ -10,15 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
+from ppmcal.controllers.delta.gcode import Lines
 from ppmcal.controllers.delta.geometry import MM
-from ppmcal.controllers.delta.printer import Mesh, Printer, far_radius, in_rows, mesh_of, nominal_of
-from ppmcal.controllers.reprap.arithmetic import geometry_of, travel
-from ppmcal.controllers.reprap.config import Delta, Lines, read_delta, read_lines
+from ppmcal.controllers.delta.printer import Mesh, Printer, in_rows, mesh_of, stated_nominal
+from ppmcal.controllers.reprap.config import Delta, geometry_of, read_delta, read_lines, travel
+from ppmcal.controllers.text import read_text
 from ppmcal.errors import BadInput
-from ppmcal.limits import CONFIG_BYTES
 from ppmcal.linalg import Array
 from ppmcal.notes import Note
-from ppmcal.store.inputs import read_bytes
 
 OVERRIDE = "config-override.g"
 """What M500 writes and M501 runs."""
@@ -49,17 +48,9 @@ def read_printer(path: str | os.PathLike[str], rods: float | None = None,
     lines = read_lines(path)
     delta = read_delta(lines)
     active, findings = _active(Path(path), lines, delta)
-    meant = geometry_of(delta)
-    if rods is not None:
-        meant = replace(meant, arms=(rods, rods, rods))
-    if radius is not None:
-        meant = replace(meant, radius=radius)
     now = geometry_of(active)
-    where = "config.g"
-    findings += [] if radius is None else far_radius(radius, now.radius)
-    nominal = nominal_of(str(path), meant, now, {
-        "delta_radius": "--radius" if radius else where, "rods": "--rods" if rods else where,
-        "endstops": where}, rods)
+    nominal, told = stated_nominal(str(path), geometry_of(delta), now, "config.g", rods, radius)
+    findings += told
     if any(active.tilt):
         findings.append(Note(f"A{active.tilt[0]:g} B{active.tilt[1]:g} of M666 tilt the bed: the "
                              "touches are taken with it, the machine has it in its endstops"))
@@ -97,8 +88,7 @@ def _mesh(config: Path, active: Delta, path: Path) -> Mesh:
 def _probe_offset(config: Path) -> tuple[float, float, float]:
     """Return X, Y, Z of the last G31: the probe from the nozzle, and its trigger height, mm."""
     found = {"X": 0.0, "Y": 0.0, "Z": 0.0}
-    text = read_bytes(config, CONFIG_BYTES).decode("utf-8-sig", errors="replace")
-    for line in _PROBE.findall(text):
+    for line in _PROBE.findall(read_text(config)):
         found |= {letter.upper(): float(value) for letter, value in _LETTER.findall(line)}
     return found["X"], found["Y"], found["Z"]
 
@@ -113,8 +103,7 @@ def read_map(path: Path) -> tuple[Array, Array]:
     Raises:
         BadInput: it is not such a file.
     """
-    text = read_bytes(path, CONFIG_BYTES).decode("utf-8-sig", errors="replace")
-    lines = [line for line in text.splitlines() if line.strip()]
+    lines = [line for line in read_text(path).splitlines() if line.strip()]
     if len(lines) < 4 or "height map" not in lines[0]:
         raise BadInput("is not a height map of RepRapFirmware", f"{path}: line 1",
                        "Give the heightmap.csv that G29 wrote")

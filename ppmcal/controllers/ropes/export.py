@@ -13,18 +13,26 @@ from pathlib import Path
 
 import numpy as np
 
-from ppmcal.controllers.export import Exported, NotExpressed, Number
+from ppmcal.controllers.export import (
+    Exported,
+    NotExpressed,
+    Number,
+    effect_lacking,
+    head,
+    misread,
+    refuse_poses,
+)
 from ppmcal.controllers.pose_errors import MM, ErrorSummary, pose_errors
 from ppmcal.controllers.pose_grid import at_rest, default_grid, instrument_notes
 from ppmcal.controllers.ropes.machine import RopeGeometry, rope_geometry
-from ppmcal.errors import BadInput, NoResult
+from ppmcal.controllers.text import read_text
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.partial_pose import pose_motor
+from ppmcal.limits import TABLE_BYTES
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import Note
-from ppmcal.store.inputs import read_bytes
 
 EXACT = 1e-9
 """Lengths and ratios that differ by less, m, are alike."""
@@ -99,25 +107,20 @@ def export_ropes(firmware: RopeFirmware, mechanism: Mechanism, old: Path | None,
         BadInput: a machine that it does not drive, or an option without use.
         NoResult: the file reads back as other numbers.
     """
-    if poses is not None:
-        raise BadInput(f"{firmware.name} takes numbers, not poses", "--poses", "Leave it out")
+    refuse_poses(firmware.name, poses)
     machine = _machine(firmware, mechanism)
     exact = machine.frame.inside(machine.ropes.anchors) / MM
     new = np.round(exact, firmware.decimals) + 0.0
     present = _present(firmware, machine, old)
-    wanted = _wanted(mechanism)
+    wanted = default_grid(mechanism).poses(mechanism)
+    wanted = wanted[:: 1 + len(wanted) // MOST]
     before, after = (_errors(firmware, machine, anchors * MM, wanted, mechanism)
                      for anchors in (present, new))
     lacks = tuple(_lacks(firmware, machine, exact * MM, wanted))
     notes = (*firmware.notes(machine.frame), *instrument_notes(mechanism))
-    comment = "\n".join([f"{mechanism.name}: error if the model is exact {after.words()}, before "
-                         f"{before.words()}.",
-                         *(f"Cannot be expressed: {lack.what}." for lack in lacks),
-                         *(f"Note: {note}." for note in notes)])
-    text = firmware.text(new, comment)
+    text = firmware.text(new, head(mechanism.name, before, after, lacks, notes))
     if not np.array_equal(firmware.read(text, firmware.file), new):
-        raise NoResult("the lines read back as other numbers", firmware.file,
-                       "This is a fault of ppmcal; do not use them")
+        raise misread(firmware.file)
     olds = dict(firmware.table(present))
     return Exported(
         firmware.name, firmware.title, {firmware.file: text},
@@ -144,13 +147,7 @@ def _present(firmware: RopeFirmware, machine: _Machine, old: Path | None) -> Arr
         nominal = machine.real.nominal()
         anchors = firmware.frame(nominal, machine.nominal).inside(machine.nominal.anchors) / MM
         return np.asarray(np.round(anchors, firmware.decimals) + 0.0)
-    return firmware.read(read_bytes(old).decode("utf-8-sig", errors="replace"), str(old))
-
-
-def _wanted(mechanism: Mechanism) -> Array:
-    """Return wanted poses (N, 6), base frame."""
-    poses = default_grid(mechanism).poses(mechanism)
-    return np.asarray(poses[:: 1 + len(poses) // MOST])
+    return firmware.read(read_text(old, limit=TABLE_BYTES), str(old))
 
 
 def _errors(firmware: RopeFirmware, machine: _Machine, anchors: Array, wanted: Array,
@@ -185,8 +182,7 @@ def _lacks(firmware: RopeFirmware, machine: _Machine, anchors: Array, wanted: Ar
                            _errors(firmware, machine, anchors, wanted, bare))
     for effect in mechanism.effects:
         if not effect.kind.instrument:
-            yield NotExpressed(f"effect {effect.kind.name}", tuple(
-                mechanism.names[p] for p in effect.parameters.values()), None)
+            yield effect_lacking(mechanism, effect, "")
 
 
 def shift_words(frame: Frame) -> str:

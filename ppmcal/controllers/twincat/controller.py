@@ -11,7 +11,7 @@ entered in the engineering, so the text written here is a list to type from.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,11 +19,19 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ppmcal import algebra as cga
-from ppmcal.controllers.export import Exported, NotExpressed, Number
+from ppmcal.controllers.export import (
+    Exported,
+    NotExpressed,
+    Number,
+    effects_lacking,
+    head,
+    misread,
+)
 from ppmcal.controllers.klipper.rotary import RotaryDelta, arm_angles
 from ppmcal.controllers.klipper.rotary_machine import is_rotary_delta
 from ppmcal.controllers.pose_errors import ErrorSummary, pose_errors
 from ppmcal.controllers.pose_grid import default_grid, instrument_notes
+from ppmcal.controllers.text import commented
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
@@ -61,10 +69,11 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
     before, after = (_errors(bare, turns, n, pose) for n in (nominal, new))
     lacks = tuple(_lacks(mechanism, after))
     numbers = tuple(_numbers(mechanism, nominal, new))
-    text = _text(mechanism, numbers, lacks, before, after)
+    lines = head(mechanism.name, before, after, lacks, how=["3D-Delta Type 1 (P_3C) of TF5112."])
+    text = "\n".join([*commented(lines), *(
+        f"{n.name} = {n.new:.{DIGITS}f} {n.unit}" for n in numbers)]) + "\n"
     if [v for _, v in parse(text)] != [n.new for n in numbers]:
-        raise NoResult("the list reads back as other numbers", FILE,
-                       "This is a fault of ppmcal; do not use it")
+        raise misread(FILE, "the list reads back as other numbers", "it")
     return Exported(
         "twincat", "TwinCAT", {FILE: text},
         f"TwinCAT's parameters hold {'most of it, fitted' if lacks else 'all of the geometry'}",
@@ -175,11 +184,7 @@ def _lacks(mechanism: Mechanism, after: ErrorSummary) -> Iterator[NotExpressed]:
                       if i not in effects and p.value != p.nominal)
         yield NotExpressed("arms that differ from each other, and shoulders out of their places",
                            names, after)
-    for effect in mechanism.effects:
-        if not effect.kind.instrument:
-            yield NotExpressed(
-                f"effect {effect.kind.name}, which the figures above do not hold either",
-                tuple(mechanism.names[p] for p in effect.parameters.values()), None)
+    yield from effects_lacking(mechanism)
 
 
 def _notes() -> Iterator[Note]:
@@ -188,12 +193,3 @@ def _notes() -> Iterator[Note]:
                "machine well before these are entered", NOTE)
     yield Note("only the difference of Displacement and TCP displacement counts: the latter stays "
                "nominal", NOTE)
-
-
-def _text(mechanism: Mechanism, numbers: Sequence[Number], lacks: Sequence[NotExpressed],
-          before: ErrorSummary, after: ErrorSummary) -> str:
-    """Return the list."""
-    head = [f"# {mechanism.name}: error if the model is exact {after.words()}, before "
-            f"{before.words()}.", "# 3D-Delta Type 1 (P_3C) of TF5112.",
-            *(f"# Cannot be expressed: {lack.what}." for lack in lacks)]
-    return "\n".join([*head, *(f"{n.name} = {n.new:.{DIGITS}f} {n.unit}" for n in numbers)]) + "\n"

@@ -1,0 +1,36 @@
+"""What files of controllers have in common: text, decimal numbers, comments."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+from ppmcal.errors import BadInput
+from ppmcal.limits import CONFIG_BYTES, Limit
+from ppmcal.store.inputs import read_bytes
+
+NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
+DECIMAL = re.compile(NUMBER, re.ASCII)
+
+
+def read_text(path: str | os.PathLike[str], hint: str = "", limit: Limit = CONFIG_BYTES) -> str:
+    """Return a file's text; bytes that are none of UTF-8 become replacement characters.
+
+    Args:
+        path: the file.
+        hint: what to give instead where it is not text; empty where that is seen later.
+        limit: of its size.
+
+    Raises:
+        BadInput: it cannot be read, is too large, or holds zero bytes where there is a hint.
+    """
+    data = read_bytes(Path(path), limit)
+    if hint and b"\0" in data:
+        raise BadInput("is not a text file", str(path), hint)
+    return data.decode("utf-8-sig", errors="replace")
+
+
+def commented(text: str, sign: str = "#") -> list[str]:
+    """Return the lines of a text as comments."""
+    return [f"{sign} {line}".rstrip() for line in text.splitlines()]
