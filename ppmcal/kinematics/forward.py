@@ -95,6 +95,10 @@ def forward(model: Model, q: Array, start: Array | None = None, start_q: Array |
         result[rows[good]] = solved[good]
         progress[rows[good]] = 1.0
         rest = rows[~good]
+        if rest.size and model.mechanism.surplus and start is None:
+            result[rest] = _led_by_parts(model.take(rest), q[rest], of)
+            progress[rest] = finite_rows(result[rest])
+            rest = rest[progress[rest] < 1.0]
         if rest.size:
             result[rest], progress[rest] = _lead(model.take(rest), origin[rest], q[rest],
                                                  pose[rest], of)
@@ -123,16 +127,42 @@ def least_of_minima(model: Model, q: Array, pose: Array, rare: float = STANDS_OU
         return pose
     pose = pose.copy()
     rows = np.flatnonzero(far)
-    for part, driven in (with_limbs(model, some) for some in _exact_sets(model.mechanism)):
-        led = forward(part.take(rows), q[rows][:, driven], of=of).pose
-        whole = model.take(rows)
-        found, converged, _ = newton(whole.closure(q[rows]), led, of=of)
-        value = np.where(converged, _gap_square(whole, q[rows], found, of), np.inf)
+    whole, joints = model.take(rows), q[rows]
+    for some in _exact_sets(model.mechanism):
+        found, converged, _ = _by_part(whole, some, joints, of)
+        value = np.where(converged, _gap_square(whole, joints, found, of), np.inf)
         better = value < np.where(np.isfinite(least[rows]), 0.99 * least[rows], np.inf)
-        # a way round by a whole turn comes home with the other sign of the same motor
-        found *= np.where(found[:, :4] @ model.mechanism.home[:4] < 0.0, -1.0, 1.0)[:, None]
         pose[rows[better]], least[rows[better]] = found[better], value[better]
     return pose
+
+
+def _led_by_parts(model: Model, q: Array, of: int) -> Array:
+    """Return poses (N, 8) of a machine with surplus limbs led from home, nan where none is found.
+
+    All its joints on an even way contradict each other between the ends, by more than at either;
+    those of as many limbs as close it do not. From there it is near, for one set or another.
+    """
+    out = np.full((len(q), 8), np.nan)
+    rows = np.arange(len(q))
+    for some in _exact_sets(model.mechanism):
+        found, converged, contraction = _by_part(model.take(rows), some, q[rows], of)
+        good = converged & (contraction <= CONTRACTION)
+        out[rows[good]] = found[good]
+        rows = rows[~good]
+        if not rows.size:
+            break
+    return out
+
+
+def _by_part(model: Model, some: tuple[int, ...], q: Array, of: int
+             ) -> tuple[Array, Bools, Array]:
+    """Return what :func:`newton` does from where some limbs lead that close the machine exactly."""
+    part, driven = with_limbs(model, some)
+    led = forward(part, q[:, driven], of=of).pose
+    found, converged, contraction = newton(model.closure(q), led, of=of)
+    # a way round by a whole turn comes home with the other sign of the same motor
+    found *= np.where(found[:, :4] @ model.mechanism.home[:4] < 0.0, -1.0, 1.0)[:, None]
+    return found, converged, contraction
 
 
 @lru_cache(maxsize=64)

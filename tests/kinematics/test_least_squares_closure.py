@@ -2,14 +2,17 @@
 
 import numpy as np
 import pytest
+import yaml
+from helpers.diagnoses import CONFIGS
 from helpers.redundant import cables, machine, stewart
 from scipy.optimize import least_squares
 
 from ppmcal import algebra as cga
 from ppmcal.design.intersection import require_meet
 from ppmcal.errors import BadInput
+from ppmcal.kinematics import forward as forward_kinematics
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.forward import forward, moved
+from ppmcal.kinematics.forward import forward, moved, newton
 from ppmcal.kinematics.inverse import home_state, inverse
 from ppmcal.kinematics.least_squares_closure import closed_by, held_by, surplus
 from ppmcal.kinematics.loads import loads
@@ -67,6 +70,38 @@ def test_joints_that_contradict_each_other_give_least_squares(model):
         # the closure's inner product is a gap up to its square over the limb's length
         np.testing.assert_allclose(best.x, 0.0, atol=1e-6)
         assert np.sum(at(np.zeros(len(mechanism.dof))) ** 2) < np.sum(best.fun ** 2) * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("name", ["cable-8", "cable-8-pulleys"])
+def test_ropes_that_contradict_each_other_on_the_way_are_led_by_six(name, tmp_path, monkeypatch):
+    """Far from home, by a drawing that is off by its tolerances: all eight at once lose their way.
+
+    Where rows stand is known: the minimum beside the pose that their joint values were made at.
+    """
+    drawn = Model(machine(tmp_path, yaml.safe_load(
+        (CONFIGS / f"{name}.yaml").read_text(encoding="utf-8"))))
+    mechanism, rng = drawn.mechanism, np.random.default_rng(7)
+    off = [p.tolerance if p.free and p.tolerance else 0.0 for p in mechanism.parameters]
+    built = Model(mechanism, mechanism.values + off * rng.normal(size=len(off)))
+    step = rng.uniform(-1.0, 1.0, (60, 6)) * np.array([0.6, 0.5, 0.4, 0.17, 0.17, 0.17])
+    there = moved(np.tile(mechanism.home, (60, 1)), step)
+    q = inverse(built, there).q
+    beside, converged, _ = newton(drawn.closure(q), there)
+    assert converged.all()
+    led = []
+    lead = forward_kinematics._lead
+
+    def watched(model, origin, wanted, *rest):
+        if len(wanted):
+            led.append((len(model.mechanism.limbs), len(wanted)))
+        return lead(model, origin, wanted, *rest)
+
+    monkeypatch.setattr(forward_kinematics, "_lead", watched)
+    found = forward(drawn, q)
+    assert found.converged.all()
+    np.testing.assert_allclose(found.pose, beside * np.sign(np.sum(
+        found.pose[:, :4] * beside[:, :4], axis=1))[:, None], atol=1e-11)
+    assert {limbs for limbs, _ in led} == {6}
 
 
 def test_what_closes_gaps_is_the_derivative_of_the_pose(model):

@@ -12,8 +12,8 @@ one small inverse per pose and one outer product per leg ([LIN] section 2.5).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,7 @@ from ppmcal.calibration.fit.observation import (
     white_measurements,
     whitener,
 )
+from ppmcal.calibration.fit.poses_from_home import PosesFromHome
 from ppmcal.calibration.fit.prior_information import PriorInformation
 from ppmcal.calibration.fit.registration import no_pose, start_registration, unscaled
 from ppmcal.calibration.fit.response import Response, Rows, with_surplus
@@ -92,7 +93,8 @@ class Problem:
 
     ``free`` are parameter indices (F,); ``pivots`` the points about which frames are turned,
     one (3,) per data set, default each one's middle; ``given`` their environments, default as
-    their columns say; ``earlier``: what earlier measurements knew.
+    their columns say; ``earlier``: what earlier measurements knew; ``home``: poses that this
+    problem, or one that it was made from, was led to from home.
     """
 
     mechanism: Mechanism
@@ -101,6 +103,7 @@ class Problem:
     pivots: tuple[Array, ...] | None = None
     given: tuple[Environment, ...] | None = None
     earlier: PriorInformation | None = None
+    home: PosesFromHome = field(default_factory=PosesFromHome)
 
     def alone(self, data: Dataset) -> Problem:
         """Return the problem of one data set by itself, with a frame of its own."""
@@ -221,11 +224,14 @@ class Problem:
     def reached(self, index: int, model: Model, homing: Array | float = 0.0) -> Array:
         """Return a data set's poses (N, 8), of distances between two (N, 16), from home."""
         data = self.datasets[index]
-        ends = (data.q,) if data.to_q is None else (data.q, data.to_q)
+        ends = [q + homing for q in (data.q, data.to_q) if q is not None]
         return np.concatenate([
-            np.concatenate([reached_poses(model, q[rows] + homing, environment).closed
-                            for rows, environment in self.chunks(index)])
-            for q in ends], axis=1)
+            self.home.of(model, q, partial(self._led, index, model, q)) for q in ends], axis=1)
+
+    def _led(self, index: int, model: Model, q: Array) -> Array:
+        """Return the poses (N, 8) of a data set's rows at joint values (N, k), from home."""
+        return np.concatenate([reached_poses(model, q[rows], environment).closed
+                               for rows, environment in self.chunks(index)])
 
     def shared(self, data: Dataset) -> int:
         """Return the index of the data set whose frame ``data`` uses."""
