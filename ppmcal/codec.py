@@ -7,7 +7,8 @@ a file, :func:`encoded` writes them, :func:`decoded` reads them again with file,
 
 A file may be cut off, edited by hand or written by another version: keys that are missing or
 unknown pass, and so does null, which counts as missing where a field knows no null; a value of the
-wrong kind is refused with file and place.
+wrong kind is refused with file and place. An object that exists for a few numbers is no class of
+its own: a field's key may be a path, ``limit.position``, into it.
 """
 
 from __future__ import annotations
@@ -70,7 +71,10 @@ class Reader:
 
 @dataclass(frozen=True)
 class Field:
-    """A field of a class: its name, key in a file, how it is read, default, and quantity."""
+    """A field of a class: its name, key in a file, how it is read, default, and quantity.
+
+    ``key``: with a dot that of an object and the key within it.
+    """
 
     name: str
     key: str
@@ -96,6 +100,37 @@ def _shape(kind: Any) -> tuple[Field, ...]:
         quantity = next((m for m in marks if isinstance(m, Quantity)), None)
         out.append(Field(f.name, key, reader, default, quantity))
     return tuple(out)
+
+
+@cache
+def _objects(kind: Any) -> frozenset[str]:
+    """Return the keys of objects into which fields of a class go."""
+    return frozenset(f.key.partition(".")[0] for f in shape(kind) if "." in f.key)
+
+
+def _flat(objects: frozenset[str], data: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return data with what is in ``objects`` under ``object.key``."""
+    out: Json = {} if objects else data    # type: ignore[assignment]
+    for key, value in data.items() if objects else ():
+        if key not in objects or value is None:
+            out[key] = value
+        elif isinstance(value, Mapping):
+            out |= {f"{key}.{k}": v for k, v in value.items()}
+        else:
+            raise WrongKind("an object", value).at(key)
+    return out
+
+
+def _nested(objects: frozenset[str], flat: Json) -> Json:
+    """Return data with what is under ``object.key`` in its object."""
+    out: Json = {}
+    for key, value in flat.items():
+        name, _, inner = key.partition(".")
+        if inner and name in objects:
+            out.setdefault(name, {})[inner] = value
+        else:
+            out[key] = value
+    return out
 
 
 def _always(value: T) -> Callable[[], T]:
@@ -222,6 +257,7 @@ def reader_of_class(kind: Any) -> Reader:
             return value
         if not isinstance(value, Mapping):
             raise WrongKind("an object", value)
+        value = _flat(_objects(kind), value)
         found, unknown = {}, {k: v for k, v in value.items() if v is not None}
         for f in shape(kind):
             one = unknown.pop(f.key, None)
@@ -244,15 +280,19 @@ def reader_of_class(kind: Any) -> Reader:
 
 
 def _described(kind: type, known: Json) -> Json:
-    properties = {}
+    properties: Json = {}
     for f in shape(kind):
         own, default = f.reader.schema(known), f.default()
         if default != default and "anyOf" not in own:    # nan is null in the file
             own = {"anyOf": [own, {"type": "null"}]}
         named = "$ref" in own or "$ref" in own.get("anyOf", [{}])[0]
-        title = {} if named else {"title": f.key.replace("_", " ").title()}
+        name, _, inner = f.key.rpartition(".")
+        title = {} if named else {"title": inner.replace("_", " ").title()}
         own |= {"default": encoded(default, whole=True), **title}
-        properties[f.key] = dict(sorted(own.items()))
+        there = properties if not name else properties.setdefault(name, {
+            "additionalProperties": True, "properties": {}, "type": "object",
+            "title": name.replace("_", " ").title()})["properties"]
+        there[inner] = dict(sorted(own.items()))
     return {"additionalProperties": True, "description": cleandoc(kind.__doc__ or ""),
             "properties": properties, "title": kind.__name__, "type": "object"}
 
@@ -287,8 +327,10 @@ def encoded(value: Any, whole: bool = False) -> Any:
     """Return what JSON can hold; where keys were given or read those alone, or the ``whole``."""
     if dataclasses.is_dataclass(value):
         given = None if whole else getattr(value, "given", None)
-        return {f.key: encoded(getattr(value, f.name), whole) for f in shape(type(value))
-                if given is None or f.name in given} | plain(getattr(value, "more", {}))
+        kind: Any = type(value)
+        return _nested(_objects(kind), {
+            f.key: encoded(getattr(value, f.name), whole) for f in shape(kind)
+            if given is None or f.name in given} | plain(getattr(value, "more", {})))
     if isinstance(value, Mapping):
         return {str(k): encoded(v, whole) for k, v in value.items()}
     if isinstance(value, list | tuple):

@@ -139,7 +139,10 @@ OfUnit = Annotated[T, Quantity(of="unit")]
 
 @dataclass(frozen=True)
 class Key:
-    """The key of a field in a file, where it cannot be its name."""
+    """The key of a field in a file, where it cannot be its name.
+
+    ``object.key`` is a key within an object that is no class of its own.
+    """
 
     name: str
 

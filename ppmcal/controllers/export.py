@@ -15,7 +15,6 @@ from ppmcal.errors import BadInput, NoResult
 from ppmcal.io.results.export import (
     CommandErrors,
     ExportRecord,
-    Gain,
     NotExpressedEntry,
     PredictedErrors,
 )
@@ -168,7 +167,7 @@ def record_of(exported: Exported, name: str, provenance: Mapping[str, Any]) -> E
             format=exported.after.rms_entry(), model=exported.uncertainty.entry(),
             before=before, after=after),
         exact=not exported.not_expressed, read_back=True,
-        gain=Gain(before=exported.before.entry(), after=exported.after.entry()),
+        before=exported.before.entry(), after=exported.after.entry(),
         not_expressed=tuple(
             NotExpressedEntry(what=lack.what, parameters=lack.parameters,
                               cost=None if lack.cost is None else lack.cost.entry())

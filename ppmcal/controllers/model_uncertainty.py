@@ -10,7 +10,7 @@ import numpy as np
 from ppmcal.calibration.compensation import model_sigma
 from ppmcal.controllers.pose_errors import rms, rotation_rms
 from ppmcal.controllers.pose_grid import rest_columns
-from ppmcal.io.results.export import ModelUncertainty
+from ppmcal.io.results.export import CommandErrors
 from ppmcal.io.results.knowledge import knowledge_of, read_identification
 from ppmcal.io.results.own_calibration import of_other_values
 from ppmcal.linalg import Array
@@ -33,9 +33,9 @@ class PoseUncertainty:
     frame: str
     reason: str = ""
 
-    def entry(self) -> ModelUncertainty:
+    def entry(self) -> CommandErrors:
         """Return the entry of export.json, mm and degrees."""
-        return ModelUncertainty(rms=None if self.position is None else self.position * 1e3,
+        return CommandErrors(rms=None if self.position is None else self.position * 1e3,
                                 unit="mm", frame=self.frame, reason=self.reason,
                                 **rotation_rms(self.rotation))
 

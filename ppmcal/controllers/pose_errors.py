@@ -9,7 +9,8 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.errors import NoResult
-from ppmcal.io.results.export import CommandErrors, RemovedMotion, RotationErrors
+from ppmcal.io.results.export import CommandErrors
+from ppmcal.io.results.parts import ErrorSize
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
 
@@ -42,12 +43,12 @@ class ErrorSummary:
         """Return the entry of export.json, mm and degrees."""
         more: dict[str, Any] = {}
         if self.rotation_rms is not None and self.rotation_max is not None:
-            more["rotation"] = RotationErrors(rms=float(np.degrees(self.rotation_rms)),
-                                              max=float(np.degrees(self.rotation_max)),
-                                              unit="deg")
+            more["rotation"] = ErrorSize(
+                rms=float(np.degrees(self.rotation_rms)), max=float(np.degrees(self.rotation_max)),
+                unit="deg")
         if self.removed is not None:
-            more["taken_out"] = RemovedMotion(turn=float(np.degrees(self.removed.turn)),
-                                              shift=tuple(v / MM for v in self.removed.shift))
+            more |= {"turn": float(np.degrees(self.removed.turn)),
+                     "shift": tuple(v / MM for v in self.removed.shift)}
         return CommandErrors(rms=self.rms * 1e3, max=self.max * 1e3, unit="mm", **more)
 
     def rms_entry(self) -> CommandErrors:
@@ -62,7 +63,7 @@ class ErrorSummary:
 def rotation_rms(value: float | None) -> dict[str, Any]:
     """Return the key ``rotation`` of an rms error, rad, nothing where there is none."""
     return {} if value is None else {
-        "rotation": RotationErrors(rms=float(np.degrees(value)), unit="deg")}
+        "rotation": ErrorSize(rms=float(np.degrees(value)), unit="deg")}
 
 
 def pose_errors(mechanism: Mechanism, real: Array, wanted: Array) -> ErrorSummary:

@@ -8,9 +8,9 @@ from typing import Any
 from ppmcal.io.results.export import (
     CommandErrors,
     ExportRecord,
-    RotationErrors,
     error_size,
 )
+from ppmcal.io.results.parts import ErrorSize
 from ppmcal.plotting.bars import Chart, Row
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.style import SMALLEST
@@ -130,10 +130,10 @@ def _not_expressed(r: ExportRecord) -> Section | None:
         "Cost: the error that it alone leaves", ["what", "parameters", "cost"], rows))
 
 
-def _errors(r: ExportRecord, stage: str, kind: str) -> CommandErrors | RotationErrors:
+def _errors(r: ExportRecord, stage: str, kind: str) -> CommandErrors | ErrorSize:
     """Return the errors of position or of rotation, ``before`` or ``after``."""
-    part: CommandErrors = getattr(r.gain, stage)
-    return part if kind == "position" else part.rotation or RotationErrors()
+    part: CommandErrors = getattr(r, stage)
+    return part if kind == "position" else part.rotation or ErrorSize()
 
 
 def fixed(value: Any, decimals: int = 4, plus: bool = False) -> str:

@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ppmcal.io.results.commands import CommandsRecord, TargetError
-from ppmcal.io.results.identification_parts import ResidualSummary, Summaries
+from ppmcal.io.results.commands import CommandsRecord
+from ppmcal.io.results.identification_parts import Summaries
 from ppmcal.io.results.identification_wording import noise_verdict
+from ppmcal.io.results.parts import ErrorChange, ErrorSize
 from ppmcal.io.results.truth import ComparedMachines
 from ppmcal.report.format import count, typeset, whole, with_unit
 from ppmcal.report.records import Identified, ReportData
@@ -18,10 +19,10 @@ from ppmcal.wording import abbreviate_list
 IN_THE_FIT = "in the fit"
 
 
-def figure(one: Identified, stage: str, kind: str) -> ResidualSummary:
+def figure(one: Identified, stage: str, kind: str) -> ErrorSize:
     """Return the errors of one stage (before, after, holdout) and kind, an empty one if missing."""
     found: Summaries = getattr(one.record.residual, stage)
-    return found.get(kind) or ResidualSummary()
+    return found.get(kind) or ErrorSize()
 
 
 def main_kind(one: Identified) -> str:
@@ -62,7 +63,7 @@ def unseen(one: Identified, kind: str, data: ReportData) -> tuple[str, str] | No
                 return with_unit(size.rms, size.unit), f"on {day.name}, which no fit has seen"
     for c in data.compensated:
         if isinstance(c.record, CommandsRecord) and _is_of(one, c.record.provenance):
-            promised = c.record.predicted.get(kind, TargetError())
+            promised = c.record.predicted.get(kind, ErrorChange())
             if promised.after is not None:
                 return (with_unit(promised.after, promised.unit),
                         f"promised for {count(c.record.rows or 0, 'target')}")

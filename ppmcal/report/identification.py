@@ -13,14 +13,10 @@ from ppmcal.io.results.campaign import campaign_sentences
 from ppmcal.io.results.gross_errors import GrossErrorSummary
 from ppmcal.io.results.identifiability import flat_sentences, unidentifiable_words
 from ppmcal.io.results.identification import IdentificationRecord
-from ppmcal.io.results.identification_parts import (
-    ExcludedRow,
-    ParameterEstimate,
-    ResidualSummary,
-    before_words,
-)
+from ppmcal.io.results.identification_parts import ParameterEstimate, before_words
 from ppmcal.io.results.identification_tables import quantity_of
 from ppmcal.io.results.identification_wording import combination, short_intervals
+from ppmcal.io.results.parts import ErrorSize, LeftOutRow
 from ppmcal.io.results.residual_rows import row_key, used
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.report.format import (
@@ -73,10 +69,10 @@ def gross_error_section(found: GrossErrorSummary, units: Mapping[str, str], inde
                 ["data set", "row", "number", "measured", "the others say", "unit",
                  "times the noise"], rows[:MAX_ROWS], sort=True,
                 keys=[row_key(index, r.dataset, r.row or 0) for r in found.rows[:MAX_ROWS]])
-    body = [[name_cell(name), number_cell(e.now, _digits(e.now)),
-             number_cell(e.with_them, _digits(e.with_them)), text_cell(units.get(name, ""))]
+    body = [[name_cell(name), number_cell(now, _digits(now)),
+             number_cell(then, _digits(then)), text_cell(units.get(name, ""))]
             for name, e in found.would_be.items()
-            if e.now is not None and e.with_them is not None]
+            if (now := e.get("now")) is not None and (then := e.get("with_them")) is not None]
     out += table(_first("What parameters would be with them", len(body)),
                  ["parameter", "now", "with them", "unit"], body[:MAX_ROWS], sort=True)
     if not out:
@@ -116,7 +112,7 @@ def identified_section(one: Identified, index: int, title: str, body: str = "") 
         identifiability_section(r), redundant(r), correlations(r)]))
 
 
-def errors(one: Identified) -> Iterator[tuple[str, str, ResidualSummary]]:
+def errors(one: Identified) -> Iterator[tuple[str, str, ErrorSize]]:
     """Yield kind, name and statistics of each error: before, after, held out."""
     residual = one.record.residual
     for kind in dict.fromkeys(k for s, _ in STAGES for k in getattr(residual, s)):
@@ -308,12 +304,12 @@ def excluded(one: Identified, index: int) -> Section | None:
                    folded=True)
 
 
-def excluded_rows(one: Identified) -> tuple[ExcludedRow, ...]:
+def excluded_rows(one: Identified) -> tuple[LeftOutRow, ...]:
     """Return the rows left out, from the JSON, else from residuals.csv."""
     t = one.residuals
     if "excluded" in one.record.given or t is None:
         return one.record.excluded
     row, names, reasons = t.number("row"), t.words("dataset"), t.words("reason")
-    return tuple(ExcludedRow(dataset=names[i], reason=reasons[i],
+    return tuple(LeftOutRow(dataset=names[i], reason=reasons[i],
                              row=int(row[i]) if np.isfinite(row[i]) else None)
                  for i in (~used(t)).nonzero()[0])

@@ -264,7 +264,8 @@ def singularity(motion: TimedRows) -> list[Drawing]:
     if not np.isfinite(values).any():
         return []
     bounds = motion.record.conditioning
-    shown = [v for v in (bounds.home, bounds.singular) if v is not None]
+    home, singular = bounds.get("home"), bounds.get("singular")
+    shown = [v for v in (home, singular) if v is not None]
     finite = values[np.isfinite(values)]
     log = bool(finite.min() > 0.0 and finite.max() > 30.0 * finite.min())
     axis = span(np.append(finite, shown), log=True) if log else Axis(
@@ -273,8 +274,8 @@ def singularity(motion: TimedRows) -> list[Drawing]:
     layers: list[Layer] = [
         Strokes(np.array([v]), np.array([across.low]), np.array([across.high]), kind, 1.4,
                      flat=True, name=name)
-        for v, kind, name in ((bounds.home, "after", "at home"),
-                              (bounds.singular, "out", "singular below")) if v is not None]
+        for v, kind, name in ((home, "after", "at home"),
+                              (singular, "out", "singular below")) if v is not None]
     bad = np.flatnonzero(motion.flagged(SINGULAR) & np.isfinite(values))
     if bad.size:
         some = bad[::max(1, bad.size // FEW)]
@@ -283,7 +284,7 @@ def singularity(motion: TimedRows) -> list[Drawing]:
     place = (f"{with_unit(motion.at[least], 's', 4)}" if motion.timed
              else f"row {whole(int(motion.at[least]))}")
     note = f"Least {sig(float(values[least]))}, at {place}."
-    note += " Blue line: at home; red: singular below it." if bounds.singular is not None else ""
+    note += " Blue line: at home; red: singular below it." if singular is not None else ""
     return [_over(motion, values, "Distance to singularity along the path",
                   "smallest singular value", note, layers, axis,
                   key=(("out", KEY["out"]),) if bad.size else ())]

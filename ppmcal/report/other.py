@@ -143,8 +143,9 @@ def kinematics_section(rows: ResidualRows) -> Section:
     if isinstance(rows.record, KinematicsRecord):
         modes = rows.record.modes
         if modes is not None:
-            text = (f"{count(sum(modes.counts), 'pose')} in {count(len(modes.counts), 'row')} of "
-                    f"joint values. {modes_sentence(modes)} The machine's own is drawn.")
+            said = modes_sentence(modes, rows.record.mode_method, rows.record.all_modes)
+            text = (f"{count(sum(modes), 'pose')} in {count(len(modes), 'row')} of "
+                    f"joint values. {said} The machine's own is drawn.")
         drawn = _of_kinematics(rows)
         parts = [Section(CHAPTERS[name], figures(drawings), count(len(drawings), "picture"),
                          folded=name in ("pose", "rates")) for name, drawings in drawn.items()]

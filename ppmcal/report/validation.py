@@ -7,8 +7,8 @@ from functools import partial
 
 import numpy as np
 
+from ppmcal.io.results.parts import ErrorSize
 from ppmcal.io.results.validation import (
-    ErrorSize,
     PredictedError,
     ValidatedDataset,
     ValidationRecord,

@@ -27,7 +27,8 @@ from ppmcal.commands.certify.figures import bidirectional, one_sided, pose_figur
 from ppmcal.commands.certify.pdf import wrapped
 from ppmcal.errors import BadInput
 from ppmcal.io.results.identification import IdentificationRecord
-from ppmcal.io.results.identification_parts import ResidualStages, ResidualSummary
+from ppmcal.io.results.identification_parts import ErrorStages
+from ppmcal.io.results.parts import ErrorSize
 
 RULE = {"rule": "guarded acceptance", "limit": 0.1}
 
@@ -243,19 +244,19 @@ def test_rows_that_the_model_was_fitted_to_are_refused(bench: Path) -> None:
 
 
 def a_record(**more: Any) -> IdentificationRecord:
-    holdout = {"position": ResidualSummary(rms=0.01, p95=0.02, max=0.03, unit="mm")}
+    holdout = {"position": ErrorSize(rms=0.01, p95=0.02, max=0.03, unit="mm")}
     noise = Noise(sigma_ratio=1.0, chi2=50.0, degrees=50.0, chi2_p=0.5, repeat_ratio=None,
                   repeat_degrees=0)
     return IdentificationRecord(**{
         "converged": True, "method": "prior", "noise": noise,
-        "residual": ResidualStages(holdout=holdout)} | more)
+        "residual": ErrorStages(holdout=holdout)} | more)
 
 
 @pytest.mark.parametrize(("more", "said"), [
     ({"converged": False}, "had not converged"),
     ({"noise": Noise(sigma_ratio=3.0, chi2=450.0, degrees=50.0, chi2_p=1e-9, repeat_ratio=None,
                      repeat_degrees=0)}, "residuals are 3 times the noise"),
-    ({"residual": ResidualStages()}, "no poses were held out")])
+    ({"residual": ErrorStages()}, "no poses were held out")])
 def test_what_cannot_be_certified_is_refused(more: dict[str, Any], said: str) -> None:
     refuse_uncertifiable(a_record(), Path("i"), False)
     with pytest.raises(BadInput, match=said) as error:

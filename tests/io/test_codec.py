@@ -206,3 +206,38 @@ class Odd:
 def test_what_json_cannot_hold_has_no_codec() -> None:
     with pytest.raises(TypeError, match="no JSON holds"):
         schema(Odd)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Two numbers in an object that is no class of its own."""
+
+    name: str
+    reach: Annotated[Length[float], Key("limit.reach")]
+    turn: Annotated[Own, Key("limit.turn")] = 0.0
+    unit: Annotated[str, Key("limit.unit")] = "angle"
+
+
+def test_a_key_may_be_a_path_into_an_object() -> None:
+    told = in_units(Limits("a", 0.002, math.pi), MM)
+    held = encoded(told)
+    assert held == {"name": "a", "limit": {"reach": 2.0, "turn": pytest.approx(180.0),
+                                           "unit": "deg"}}
+    # unknown keys within it are kept, and what was not there is not written
+    held["limit"]["later"] = [1]
+    again = read(held, Limits)
+    assert again.reach == 2.0 and encoded(again) == held
+    assert encoded(read({"limit": {"turn": 3.0}}, Limits)) == {"limit": {"turn": 3.0}}
+    assert encoded(read({"limit": None}, Limits)) == {}
+    found = schema(Limits)["properties"]["limit"]
+    assert found["type"] == "object" and set(found["properties"]) == {"reach", "turn", "unit"}
+
+
+@pytest.mark.parametrize(("data", "place"), [
+    ({"limit": 3}, "limit: should be an object"),
+    ({"limit": {"reach": "far"}}, "limit.reach: should be a number")])
+def test_what_is_wrong_within_an_object_is_refused_with_its_place(data: Any, place: str) -> None:
+    with pytest.raises(BadInput) as refusal:
+        read(data, Limits)
+    assert place.partition(": ")[2] in str(refusal.value)
+    assert place.partition(": ")[0] in str(refusal.value)

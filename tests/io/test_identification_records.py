@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from dataclasses import is_dataclass
 from pathlib import Path
@@ -88,8 +89,8 @@ def test_the_parts_hold_what_was_found(folders: Path) -> None:
     assert not IdentificationRecord.read(folders / "iA" / "identification.json").earlier
     truth = TruthRecord.read(folders / "sA" / "truth.json")
     assert truth.errors == pytest.approx({"leg1.offset": 0.3})
-    tool = KinematicsRecord.read(folders / "tool" / "kinematics.json").tool
-    assert tool is not None and (tool.point, tool.unit) == ((30.0, -15.0, 0.0), "mm")
+    moved = KinematicsRecord.read(folders / "tool" / "kinematics.json")
+    assert (moved.tool, moved.tool_unit) == ((30.0, -15.0, 0.0), "mm")
     commands = CommandsRecord.read(folders / "cmd" / "commands.json")
     assert (commands.rows, commands.refused) == (3, 1)
     assert commands.units["sigma_rotation"] == "deg"
@@ -99,12 +100,24 @@ def test_the_parts_hold_what_was_found(folders: Path) -> None:
 def test_null_is_a_missing_key_and_other_kinds_are_refused(kind: type[Record], tmp_path: Path
                                                            ) -> None:
     path = tmp_path / kind.FILE
-    path.write_text(json.dumps(dict.fromkeys(f.name for f in shape(kind)) | {"unheard_of": 1}))
-    found, empty = kind.read(path), kind()
-    assert all(getattr(found, key) == getattr(empty, key) for key in (f.name for f in shape(kind)))
-    for key in (f.name for f in shape(kind)):
-        path.write_text(json.dumps({key: [[[3]]]}))
-        with pytest.raises(BadInput, match=rf"{kind.FILE}: {key}.*should be"):
+    objects = {f.key.partition(".")[0] for f in shape(kind)}
+    within = {f.key.partition(".")[0]: {} for f in shape(kind) if "." in f.key}
+    for f in shape(kind):
+        name, _, key = f.key.partition(".")
+        if key:
+            within[name][key] = None
+    for nulls in (dict.fromkeys(objects), dict.fromkeys(objects) | within):
+        path.write_text(json.dumps(nulls | {"unheard_of": 1}))
+        found, empty = kind.read(path), kind()
+        assert all(getattr(found, f.name) == getattr(empty, f.name) for f in shape(kind))
+    for f in shape(kind):
+        name, _, key = f.key.partition(".")
+        path.write_text(json.dumps({name: {key: [[[3]]]} if key else [[[3]]]}))
+        with pytest.raises(BadInput, match=rf"{kind.FILE}: {re.escape(f.key)}.*should be"):
+            kind.read(path)
+    for name in within:
+        path.write_text(json.dumps({name: 3}))
+        with pytest.raises(BadInput, match=rf"{kind.FILE}: {name}: should be an object"):
             kind.read(path)
 
 

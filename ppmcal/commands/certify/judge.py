@@ -27,8 +27,8 @@ from ppmcal.commands.certify.figures import (
     pose_figures,
 )
 from ppmcal.errors import BadInput
-from ppmcal.io.results.identification_parts import ResidualSummary
 from ppmcal.io.results.knowledge import read_knowledge
+from ppmcal.io.results.parts import ErrorSize
 from ppmcal.io.results.units import JOINT
 from ppmcal.linalg import Array
 from ppmcal.model.repeats import repeats
@@ -70,12 +70,12 @@ def _errors(evidence: Evidence) -> list[Figure]:
     return list(error_figures(*(np.concatenate(p) for p in zip(*parts, strict=True))))
 
 
-def _held_out(found: Mapping[str, ResidualSummary], length: float, angle: float
+def _held_out(found: Mapping[str, ErrorSize], length: float, angle: float
               ) -> Iterator[Figure]:
     """Yield the figures on poses that identify held out; of closures where nothing else is."""
     kinds = [k for k in ("position", "rotation") if k in found] or ["closure"]
     for kind in kinds:
-        one = found.get(kind, ResidualSummary())
+        one = found.get(kind, ErrorSize())
         factor, quantity = (angle, "angle") if kind == "rotation" else (length, "length")
         for name, value in (("rms error", one.rms), ("95 % point", one.p95),
                             ("largest error", one.max)):

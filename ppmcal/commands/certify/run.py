@@ -31,9 +31,9 @@ from ppmcal.io.results.certificate import (
     CertifiedInstrument,
     CertifiedMachine,
     CertifiedParty,
-    CertifiedRange,
     CertifiedRow,
 )
+from ppmcal.io.results.parts import Range
 from ppmcal.io.results.units import JOINT, MachineUnits
 from ppmcal.model.dataset import ZERO_CELSIUS
 from ppmcal.model.mechanism import Mechanism
@@ -253,18 +253,18 @@ def _basis(evidence: Evidence) -> str:
             "the pose that the certified model gives at the commanded joint values.")
 
 
-def _validity(mechanism: Mechanism, units: MachineUnits) -> tuple[CertifiedRange, ...]:
+def _validity(mechanism: Mechanism, units: MachineUnits) -> tuple[Range, ...]:
     """Return what was measured for the calibration: its volume, joints and conditions."""
-    out = list[CertifiedRange]()
+    out = list[Range]()
     for name, (low, high) in (mechanism.measured.ranges if mechanism.measured else {}).items():
         if name.startswith("temperature"):
-            out.append(CertifiedRange(name=name, low=low - ZERO_CELSIUS, high=high - ZERO_CELSIUS,
+            out.append(Range(name=name, low=low - ZERO_CELSIUS, high=high - ZERO_CELSIUS,
                                       unit="°C"))
         elif name in CONDITION_UNITS:
-            out.append(CertifiedRange(name=name, low=low, high=high, unit=CONDITION_UNITS[name]))
+            out.append(Range(name=name, low=low, high=high, unit=CONDITION_UNITS[name]))
         elif name in ("x", "y", "z", "rx", "ry", "rz") or name.startswith("q_"):
             quantity = JOINT + name[2:] if name.startswith("q_") else coordinate_quantity(name)
-            out.append(CertifiedRange.filled(None, units, name=name, low=low, high=high,
+            out.append(Range.filled(None, units, name=name, low=low, high=high,
                                              unit=quantity))
     return tuple(out)
 

@@ -32,16 +32,16 @@ def _errors(record: ExportRecord) -> ShortTable:
     """Return the table of errors with the old and the new numbers."""
     rows = [[label, *(error_size(v, part.unit) or "unknown" for part in (e, e.rotation)
                       if part is not None for v in (part.rms, part.max))]
-            for label, e in (("old, model exact", record.gain.before),
-                             ("new, model exact", record.gain.after))]
+            for label, e in (("old, model exact", record.before),
+                             ("new, model exact", record.after))]
     for label, size in (("old, expected", record.predicted.before),
                         ("new, expected", record.predicted.after)):
         expected = [error_size(size.rms, size.unit) or "unknown", ""]
-        if record.gain.after.rotation is not None:
+        if record.after.rotation is not None:
             turn = size.rotation
             expected += [error_size(turn.rms, turn.unit) if turn else "unknown", ""]
         rows.append([label, *expected])
-    turns = ["rms deg", "max deg"] * (record.gain.after.rotation is not None)
+    turns = ["rms deg", "max deg"] * (record.after.rotation is not None)
     return ShortTable(["", "rms mm", "max mm", *turns], rows, (1, 2, 3, 4))
 
 

@@ -129,7 +129,8 @@ class KinematicsResult(Result):
 
     def headline(self) -> str:
         """Return how many rows are ok, and how sure they are."""
-        more = "" if self.modes is None else f" {modes_sentence(self.modes)}"
+        more = "" if self.modes is None else (
+            f" {modes_sentence(self.modes.counts, self.modes.method, self.modes.complete)}")
         return (f"{self.mechanism.name}: {self.which} kinematics, "
                 f"{solved_sentence(self.asked - len(self.failed), self.asked)}.{more} "
                 f"{self.sure.entry.words()}")

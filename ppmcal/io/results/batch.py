@@ -120,7 +120,7 @@ def fit_quantities(found: Identification) -> Iterator[CampaignQuantity]:
 
 def effect_quantities(record: DiagnosisRecord) -> Iterator[CampaignQuantity]:
     """Yield the named effects of a diagnosis, and its residuals over the noise."""
-    for stage, ratio in (("before", record.fit.before), ("after", record.fit.after)):
+    for stage, ratio in (("before", record.ratio_before), ("after", record.ratio_after)):
         yield CampaignQuantity(what="noise", name="diagnosis", parameter=stage, value=ratio)
     for effect in record.effects:
         own = CampaignQuantity(what="effect", name=effect.kind, on=", ".join(effect.on),

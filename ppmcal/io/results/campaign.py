@@ -6,19 +6,12 @@ from collections.abc import Mapping
 from dataclasses import field
 
 from ppmcal.calibration.fit import WeakCampaign
-from ppmcal.io.results.record import Finite, Part, Text, Whole
-from ppmcal.units import OfUnit, Units, coordinate_quantity
+from ppmcal.io.results.parts import Range
+from ppmcal.io.results.record import Part, Text, Whole
+from ppmcal.units import Units, coordinate_quantity
 from ppmcal.wording import pluralize
 
 FEW = 3
-
-
-class PoseRange(Part):
-    """From where to where the missing poses go along a coordinate, in ``unit``."""
-
-    low: OfUnit[Finite | None] = None
-    high: OfUnit[Finite | None] = None
-    unit: Text = ""
 
 
 class CampaignSummary(Part):
@@ -33,7 +26,7 @@ class CampaignSummary(Part):
     unknown: tuple[Text, ...] = ()
     parameters: tuple[Text, ...] = ()
     poses: Whole = 0
-    where: Mapping[Text, PoseRange] = field(default_factory=dict)
+    where: Mapping[Text, Range] = field(default_factory=dict)
     file: Text | None = None
     text: Text = ""
 
@@ -42,7 +35,7 @@ class CampaignSummary(Part):
         """Return the entry of a campaign, None where it is not weak."""
         if found is None:
             return None
-        where = {name: PoseRange.filled(None, units, low=low, high=high,
+        where = {name: Range.filled(None, units, low=low, high=high,
                                         unit=coordinate_quantity(name))
                  for name, low, high in found.missing.where}
         return cls(shapes=found.shapes, unknown=found.groups, parameters=found.unknown,
@@ -55,7 +48,7 @@ def campaign_sentences(found: CampaignSummary | None) -> list[str]:
     return [f"{found.text}."] if found is not None and found.text else []
 
 
-def _sentence(found: WeakCampaign, where: Mapping[str, PoseRange]) -> str:
+def _sentence(found: WeakCampaign, where: Mapping[str, Range]) -> str:
     """Return what a campaign leaves unknown and which measurements are missing."""
     first, *more = found.shapes
     shape = "; ".join([first[:1].upper() + first[1:], *more])

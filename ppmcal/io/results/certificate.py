@@ -7,6 +7,7 @@ from dataclasses import field
 from typing import ClassVar
 
 from ppmcal.codec import unsaid
+from ppmcal.io.results.parts import Range
 from ppmcal.io.results.record import Finite, Flag, Part, Record, Text, Whole
 from ppmcal.store.provenance import Provenance
 from ppmcal.units import Length, OfUnit, Units
@@ -104,15 +105,6 @@ class CertifiedDecision(Part):
     result: Text = ""
 
 
-class CertifiedRange(Part):
-    """What was measured of a coordinate, joint or condition: lowest and highest, in ``unit``."""
-
-    name: Text = ""
-    low: OfUnit[Finite | None] = None
-    high: OfUnit[Finite | None] = None
-    unit: Text = ""
-
-
 class CertifiedRow(Part):
     """A place (base frame) and the error there, in ``units``, for the map."""
 
@@ -148,7 +140,7 @@ class CertificateRecord(Record):
     figures: tuple[CertifiedFigure, ...] = ()
     budget: CertifiedBudget = CertifiedBudget()
     decision: CertifiedDecision = CertifiedDecision()
-    validity: tuple[CertifiedRange, ...] = ()
+    validity: tuple[Range, ...] = ()
     rows: tuple[CertifiedRow, ...] = ()
     findings: tuple[Text, ...] = ()
     units: Units = unsaid(Units)

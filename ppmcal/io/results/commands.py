@@ -11,7 +11,8 @@ import numpy as np
 
 from ppmcal.calibration.compensation import KINDS, Compensation
 from ppmcal.io.csv import Table
-from ppmcal.io.results.record import Column, Finite, Part, Record, Text, Whole, table_text
+from ppmcal.io.results.parts import ErrorChange
+from ppmcal.io.results.record import Column, Record, Text, Whole, table_text
 from ppmcal.io.results.residual_rows import rms
 from ppmcal.io.results.tables import (
     WrittenTable,
@@ -23,39 +24,18 @@ from ppmcal.io.results.tables import (
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.store.provenance import Provenance
-from ppmcal.units import OfUnit
-from ppmcal.wording import number, pluralize
-
-
-class TargetError(Part):
-    """Rms over the commands of the errors to expect of each, in ``unit``; None: unknown.
-
-    ``before``: of uncorrected commands, the nominal machine's; ``after``: of corrected ones, as
-    the columns ``error_..._before`` and ``error_..._after`` of commands.csv have them row by row:
-    the model's uncertainty is in both. Where it is unknown, ``before`` is that of an exact model.
-    ``sigma``: the model's own standard deviation.
-    """
-
-    before: OfUnit[Finite | None] = None
-    after: OfUnit[Finite | None] = None
-    sigma: OfUnit[Finite | None] = None
-    unit: Text = ""
-
-    def words(self) -> str:
-        """Return ``0.34 mm rms with uncorrected commands, 0.003 mm with these``."""
-        if self.before is None:
-            return ""
-        before = f"{number(self.before)} {self.unit} rms with uncorrected commands"
-        if self.after is None:
-            return f"{before} if the model is exact, unknown with these"
-        return f"{before}, {number(self.after)} {self.unit} with these"
+from ppmcal.wording import pluralize
 
 
 class CommandsRecord(Record):
     """commands.json: how many targets have no command, and the ``units`` of every column.
 
-    ``predicted``: errors by kind, position and rotation; ``frame``: in which they are;
-    ``targets``: which point of the platform targets are of; ``findings``: what needs a look.
+    ``predicted``: rms over the commands of the errors to expect, position and rotation: ``before``
+    of uncorrected commands, the nominal machine's, ``after`` of corrected ones, as the columns
+    ``error_..._before`` and ``error_..._after`` of commands.csv have them row by row: the model's
+    uncertainty is in both. Where it is unknown, ``before`` is that of an exact model.
+    ``frame``: in which they are; ``targets``: which point of the platform targets are of;
+    ``findings``: what needs a look.
     """
 
     FILE: ClassVar[str] = "commands.json"
@@ -65,7 +45,7 @@ class CommandsRecord(Record):
     refused: Whole | None = None
     frame: Text = ""
     targets: Text = ""
-    predicted: Mapping[Text, TargetError] = field(default_factory=dict)
+    predicted: Mapping[Text, ErrorChange] = field(default_factory=dict)
     findings: tuple[Text, ...] = ()
     notes: tuple[Text, ...] = ()
     units: Mapping[Text, Text] = field(default_factory=dict)
@@ -90,7 +70,7 @@ class CommandsRecord(Record):
         return {k: v for k, v in self.entries().items() if k != "units"}
 
 
-def _predicted(mechanism: Mechanism, result: Compensation) -> dict[str, TargetError]:
+def _predicted(mechanism: Mechanism, result: Compensation) -> dict[str, ErrorChange]:
     """Return the errors of the commands in file units; what was refused has none."""
     out = {}
     for kind, quantity in KINDS.items():
@@ -98,7 +78,7 @@ def _predicted(mechanism: Mechanism, result: Compensation) -> dict[str, TargetEr
         if sizes[0] is None or (kind == "rotation" and not mechanism.motion.turns):
             continue
         before, after, sigma = sizes
-        out[kind] = TargetError.filled(None, mechanism.units, before=before, after=after,
+        out[kind] = ErrorChange.filled(None, mechanism.units, before=before, after=after,
                                        sigma=sigma, unit=quantity)
     return out
 

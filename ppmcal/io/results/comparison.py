@@ -12,6 +12,7 @@ from ppmcal.calibration.fit import half_or
 from ppmcal.calibration.sessions import Change, Comparison, DifferenceNoise, PoseDifference
 from ppmcal.inference.priors import SURE
 from ppmcal.io import csv_text
+from ppmcal.io.results.parts import ErrorSize
 from ppmcal.io.results.record import Finite, Flag, Part, Record, Text, Whole
 from ppmcal.io.results.tables import WrittenTable, finite_number
 from ppmcal.io.results.units import COLUMN, MachineUnits
@@ -130,20 +131,11 @@ class NoiseOfDifference(Part):
         return cls.filled(n, alike=1.0 - n.share**2, same_poses=n.same)
 
 
-class Extent(Part):
-    """Root mean square and largest size of something over poses."""
-
-    rms: OfUnit[Finite | None] = None
-    max: OfUnit[Finite | None] = None
-    by_chance: OfUnit[Finite | None] = None
-    unit: Text = ""
-
-
 class PlatformDifference(Part):
     """How far the platform of the new machine is from the old one's, at the same joints."""
 
-    position: Extent = Extent()
-    rotation: Extent = Extent()
+    position: ErrorSize = ErrorSize()
+    rotation: ErrorSize = ErrorSize()
     poses: Whole = 0
 
     @classmethod
@@ -152,9 +144,9 @@ class PlatformDifference(Part):
         units = mechanism.units
         if mechanism.self_calibrated and not mechanism.motion.turns:    # frames turn to be laid
             m = replace(m, rotation_rms=0.0, rotation_max=0.0, rotation_chance=0.0)
-        return cls(position=Extent.filled(None, units, rms=m.position_rms, max=m.position_max,
+        return cls(position=ErrorSize.filled(None, units, rms=m.position_rms, max=m.position_max,
                                           by_chance=m.position_chance, unit="length"),
-                   rotation=Extent.filled(None, units, rms=m.rotation_rms, max=m.rotation_max,
+                   rotation=ErrorSize.filled(None, units, rms=m.rotation_rms, max=m.rotation_max,
                                           by_chance=m.rotation_chance, unit="angle"),
                    poses=m.poses)
 

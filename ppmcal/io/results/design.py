@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import field
 from typing import Annotated, ClassVar
 
-from ppmcal.io.results.record import Part, PlainCell, Record, Shown, Text
+from ppmcal.io.results.record import Part, PlainCell, Record, Text
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.units import Key, OfUnit
+from ppmcal.units import Key
 
 
 class ShownTable(Part):
@@ -30,13 +30,6 @@ class AnalysisRecord(Record):
     summary: Annotated[tuple[Text, ...], Key("said")] = ()
     units: Mapping[str, Text] = field(default_factory=dict)
     findings: tuple[Text, ...] = ()
-
-
-class NumberWithUnit(Part):
-    """A number with its unit."""
-
-    value: OfUnit[Shown | None] = None
-    unit: Text = ""
 
 
 def geometry_note(mechanism: Mechanism) -> list[str]:

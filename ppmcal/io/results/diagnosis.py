@@ -8,6 +8,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 
 from ppmcal.calibration.interpretation import plain_mistakes
 from ppmcal.calibration.knowledge import coverage
+from ppmcal.calibration.validation import definition, residuals
 from ppmcal.codec import in_units, unsaid
 from ppmcal.diagnosis import other_days
 from ppmcal.diagnosis.hypotheses import Untestable
@@ -15,21 +16,18 @@ from ppmcal.diagnosis.localization import Place
 from ppmcal.diagnosis.plot_data import PlotData, SelectionStep, plot_data
 from ppmcal.diagnosis.result import Diagnosis, LeftOutBlocks, Swallowed, UnknownFound
 from ppmcal.io.results.campaign import CampaignSummary
-from ppmcal.io.results.diagnosed_errors import DiagnosedErrors
 from ppmcal.io.results.diagnosis_parts import (
     DiagnosedEffect,
-    FitRatios,
     HeldOutGap,
     NextMeasurements,
     ResidualAfter,
-    RowNoiseFound,
-    SuspectedEffect,
-    UnfittedRow,
 )
+from ppmcal.io.results.identification_parts import ErrorStages, excluded_rows, summaries
 from ppmcal.io.results.interpretation import MisreadingEntry, misreading_entries
 from ppmcal.io.results.learned_parts import LearnedEntry
 from ppmcal.io.results.other_models import OtherModel, OtherModels, TriedSet, other_files
-from ppmcal.io.results.record import Flag, Record, Shown, Text
+from ppmcal.io.results.parts import LeftOutRow
+from ppmcal.io.results.record import Flag, Record, Shown, Text, Whole
 from ppmcal.io.results.tables import finite_number
 from ppmcal.io.results.validation import ValidatedDataset
 from ppmcal.store.provenance import Provenance
@@ -44,7 +42,8 @@ class DiagnosisRecord(Record):
 
     ``coverage``: half of a 95 % interval over sigma, for what only noise makes uncertain.
     ``nothing``: probability that geometry is all there is; ``unknown``: what is there without a
-    name.
+    name. ``ratio_before``, ``ratio_after``: rms over the noise without and with the effects, over
+    so many ``rows``; ``serial_correlation``: of the noise from row to row.
     """
 
     FILE: ClassVar[str] = OtherModels.FILE
@@ -55,22 +54,24 @@ class DiagnosisRecord(Record):
     verdict: Text = ""
     misreadings: tuple[MisreadingEntry, ...] = ()
     effects: tuple[DiagnosedEffect, ...] = ()
-    suspected: Annotated[tuple[SuspectedEffect, ...], Key("possible")] = ()
+    suspected: Annotated[tuple[DiagnosedEffect, ...], Key("possible")] = ()
     nothing: Shown | None = None
     unknown: tuple[UnknownFound, ...] = ()
     learned: tuple[LearnedEntry, ...] = ()
-    residual: DiagnosedErrors = DiagnosedErrors()
+    residual: ErrorStages = ErrorStages()
     remainder: ResidualAfter = ResidualAfter()
     gap: HeldOutGap = HeldOutGap()
     confirmed: Flag | None = None
     predictive: tuple[LeftOutBlocks, ...] = ()
-    fit: FitRatios = FitRatios()
-    noise: RowNoiseFound = RowNoiseFound()
+    ratio_before: Annotated[Shown | None, Key("fit.before")] = None
+    ratio_after: Annotated[Shown | None, Key("fit.after")] = None
+    rows: Annotated[Whole, Key("fit.rows")] = 0
+    serial_correlation: Annotated[Shown | None, Key("noise.serial_correlation")] = None
     localised: tuple[Place, ...] = ()
     not_testable: tuple[Untestable, ...] = ()
     absorbed_by_geometry: Annotated[tuple[Swallowed, ...], Key("swallowed")] = ()
     next_measurements: NextMeasurements = NextMeasurements()
-    excluded: tuple[UnfittedRow, ...] = ()
+    excluded: tuple[LeftOutRow, ...] = ()
     findings: tuple[Text, ...] = ()
     campaign: CampaignSummary | None = None
     other_models: tuple[OtherModel, ...] = ()
@@ -93,25 +94,24 @@ class DiagnosisRecord(Record):
                 [m for d in fit.problem.datasets for m in plain_mistakes(
                     d, fit.problem.mechanism)], units),
             effects=tuple(DiagnosedEffect.of(result, e) for e in result.effects),
-            suspected=tuple(SuspectedEffect.of(c) for c in result.suspected),
+            suspected=tuple(DiagnosedEffect.weak(c) for c in result.suspected),
             nothing=result.nothing,
             unknown=result.unknown, predictive=result.predictive,
             learned=LearnedEntry.all_of(result),
-            residual=DiagnosedErrors.of(result),
+            residual=_errors(result),
             remainder=ResidualAfter(
                 follows=left.follows or None, p_value=None, known=left.known,
                 rms_ratio=left.ratio, noise_reference=left.source, noise_ratio=left.reference),
             gap=HeldOutGap.of(result.gap, CHOSEN),
             confirmed=_confirmed(result),
-            fit=FitRatios(before=result.start.ratio, after=left.ratio,
-                          rows=sum(int(k.sum()) for k in fit.keep)),
-            noise=RowNoiseFound(serial_correlation=noise.rho),
+            ratio_before=result.start.ratio, ratio_after=left.ratio,
+            rows=sum(int(k.sum()) for k in fit.keep), serial_correlation=noise.rho,
             localised=result.localised, not_testable=result.untestable,
             absorbed_by_geometry=in_units(result.absorbed_by_geometry, units),
             next_measurements=NextMeasurements(
                 reason=wanted.reason, file="next.csv" if wanted.rows else None, rows=wanted.rows,
                 odds_before=wanted.odds_before, odds_after=wanted.odds_after),
-            excluded=UnfittedRow.each(fit),
+            excluded=excluded_rows(fit),
             findings=(*result.identification.mechanism.findings, *result.findings),
             campaign=CampaignSummary.of(result.identification.campaign, units),
             other_models=tuple(OtherModel.of(name, other) for name, other in other_files(result)),
@@ -120,6 +120,16 @@ class DiagnosisRecord(Record):
             plot_data=in_units(plot_data(result), units),
             coverage=coverage(fit), units=units,
             provenance=Provenance(**provenance))
+
+
+def _errors(result: Diagnosis) -> ErrorStages:
+    """Return the errors of the nominal machine, of geometry alone and of what was found."""
+    found, units = result.identification, result.identification.mechanism.units
+    alone = residuals(result.before.problem, result.before.state)
+    before, geometry, after = (summaries(errors.figures(found.fit.keep), units)
+                               for errors in (found.before, alone, found.after))
+    return ErrorStages(before_is=definition(found.fit.problem.blind), before=before,
+                       geometry=geometry, after=after)
 
 
 class GapStep(NamedTuple):

@@ -19,7 +19,6 @@ from ppmcal.diagnosis.result import (
     Onset,
     SessionEffect,
 )
-from ppmcal.io.results.identification_parts import ExcludedRow
 from ppmcal.io.results.record import Part, Shown, Text, UnitText, Whole
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.units import Key, Units
@@ -101,20 +100,10 @@ class EffectInSession(Part):
             for label, value, sigma in zip(found.labels, found.value, found.sigma, strict=True))
 
 
-class CalledKind(Part):
-    """A ``kind`` of effect; ``label``: what people call it, where kinds of one name differ."""
+class DiagnosedEffect(Part):
+    """An effect that the data name, or what may be there but is too weak for that.
 
-    kind: Text = ""
-    label: Text = ""
-
-    @property
-    def called(self) -> str:
-        """What people call it, in files of older versions too."""
-        return self.label or self.kind
-
-
-class DiagnosedEffect(CalledKind):
-    """An effect that the data name.
+    ``label``: what people call its ``kind``, where kinds of one name differ; ``status``: ``weak``.
 
     ``probability``: that it is there, and nothing else in its place; ``survival``: the part that
     geometry cannot imitate; ``alternatives``: kinds that the data cannot tell from it,
@@ -126,6 +115,8 @@ class DiagnosedEffect(CalledKind):
     gives way) or ``leads`` it (behind).
     """
 
+    kind: Text = ""
+    label: Text = ""
     on: tuple[Text, ...] = ()
     parameters: Mapping[str, EffectValue] = field(default_factory=dict)
     p_value: Shown | None = None
@@ -141,6 +132,12 @@ class DiagnosedEffect(CalledKind):
     sessions: tuple[EffectInSession, ...] = ()
     same_in_sessions_p: Shown | None = None
     side: Text = ""
+    status: Text = ""
+
+    @property
+    def called(self) -> str:
+        """What people call it, in files of older versions too."""
+        return self.label or self.kind
 
     @classmethod
     def of(cls, result: Diagnosis, effect: NamedEffect) -> DiagnosedEffect:
@@ -154,19 +151,11 @@ class DiagnosedEffect(CalledKind):
             side=effect.side(result.identification.mechanism),
             **_event(result, effect), **_derived(result, effect))
 
-
-class SuspectedEffect(CalledKind):
-    """Something that may be there but is too weak to be named; ``status``: ``weak``."""
-
-    on: tuple[Text, ...] = ()
-    probability: Shown | None = None
-    visibility: Annotated[Shown | None, Key("survival")] = None
-    status: Text = ""
-
     @classmethod
-    def of(cls, c: Candidate) -> SuspectedEffect:
+    def weak(cls, c: Candidate) -> DiagnosedEffect:
         """Return a candidate that is not named."""
-        return cls.filled(c, kind=c.hypothesis.kind, label=c.hypothesis.called, on=c.hypothesis.on)
+        return cls(kind=c.hypothesis.kind, label=c.hypothesis.called, on=c.hypothesis.on,
+                   visibility=c.visibility, probability=c.probability, status=c.status)
 
 
 class ResidualAfter(Part):
@@ -210,20 +199,6 @@ class HeldOutGap(Part):
             1.0 - gap.after / gap.before if gap.before else None))
 
 
-class FitRatios(Part):
-    """Rms over the noise without and with the effects, over so many rows."""
-
-    before: Shown | None = None
-    after: Shown | None = None
-    rows: Whole = 0
-
-
-class RowNoiseFound(Part):
-    """What the noise is like from row to row."""
-
-    serial_correlation: Shown | None = None
-
-
 class NextMeasurements(Part):
     """What to measure next; ``rows`` of them in ``file``, with the rivals' odds before and after.
 
@@ -235,12 +210,6 @@ class NextMeasurements(Part):
     rows: Whole = 0
     odds_before: Shown | None = None
     odds_after: Shown | None = None
-
-
-class UnfittedRow(ExcludedRow):
-    """An input row that the fit has left out."""
-
-    row: Whole = 0
 
 
 def _event(result: Diagnosis, effect: NamedEffect) -> dict[str, Any]:

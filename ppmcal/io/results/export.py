@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import field
 from typing import Annotated, Any, ClassVar
 
+from ppmcal.io.results.parts import ErrorSize
 from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole
 from ppmcal.notes import Note
 from ppmcal.store.provenance import Provenance
@@ -25,29 +26,21 @@ DECIMALS = {"mm": 4, "deg": 5}
 LARGEST_FIXED = 1e7
 
 
-class RotationErrors(Part):
-    """Errors of rotation over the commands compared."""
-
-    rms: Shown | None = None
-    max: Shown | None = None
-    unit: Text = ""
-
-
-class RemovedMotion(Part):
-    """Turn about z, deg, and shift in the plane of the bed, mm, taken out of the errors."""
-
-    turn: Shown | None = None
-    shift: tuple[Shown | None, ...] = ()
-
-
 class CommandErrors(Part):
-    """Errors of position over the commands compared and, if there is one, of rotation."""
+    """Errors of position over the commands compared and, if there is one, of rotation.
+
+    ``turn`` about z, deg, and ``shift`` in the plane of the bed, mm, were taken out. Of the model's
+    own standard deviation in ``frame``, rms over the poses: the ``reason`` why it is unknown.
+    """
 
     rms: Shown | None = None
     max: Shown | None = None
     unit: Text = ""
-    rotation: RotationErrors | None = None
-    taken_out: RemovedMotion | None = None
+    frame: Text = ""
+    reason: Text = ""
+    rotation: ErrorSize | None = None
+    turn: Annotated[Shown | None, Key("taken_out.turn")] = None
+    shift: Annotated[tuple[Shown | None, ...], Key("taken_out.shift")] = ()
 
     def words(self) -> str:
         """Return ``0.0123 mm rms, 0.0456 mm at most; 0.00120 deg rms, ...``, empty for none.
@@ -68,20 +61,6 @@ class CommandErrors(Part):
         return _rms_words(self.rms, self.unit, self.rotation)
 
 
-class ModelUncertainty(Part):
-    """The model's own standard deviation, rms over the poses; ``reason``: why it is unknown."""
-
-    rms: Shown | None = None
-    unit: Text = ""
-    frame: Text = ""
-    reason: Text = ""
-    rotation: RotationErrors | None = None
-
-    def rms_words(self) -> str:
-        """Return ``0.012 mm and 0.0031 deg``, two digits each."""
-        return _rms_words(self.rms, self.unit, self.rotation)
-
-
 class PredictedErrors(Part):
     """What is left with the new numbers, rms: of the format, of the model, and of both.
 
@@ -89,7 +68,7 @@ class PredictedErrors(Part):
     """
 
     format: CommandErrors = CommandErrors()
-    model: ModelUncertainty = ModelUncertainty()
+    model: CommandErrors = CommandErrors()
     before: CommandErrors = CommandErrors()
     after: CommandErrors = CommandErrors()
 
@@ -109,13 +88,6 @@ class PredictedErrors(Part):
                 f"Predicted error with the new numbers: {self.after.rms_words()} rms{old}.")
 
 
-class Gain(Part):
-    """Errors of the machine driven with the old and with the new numbers."""
-
-    before: CommandErrors = CommandErrors()
-    after: CommandErrors = CommandErrors()
-
-
 class NotExpressedEntry(Part):
     """One thing that the controller cannot express, and what that alone costs."""
 
@@ -130,7 +102,10 @@ class NotExpressedEntry(Part):
 
 
 class ExportRecord(Record):
-    """export.json; the keys from ``length_unit`` on are those of single formats."""
+    """export.json; the keys from ``length_unit`` on are those of single formats.
+
+    ``before``, ``after``: errors of the machine driven with the old and with the new numbers.
+    """
 
     FILE: ClassVar[str] = "export.json"
     FORMAT: ClassVar[str] = "ppmcal/export/1"
@@ -147,7 +122,8 @@ class ExportRecord(Record):
     predicted: PredictedErrors = PredictedErrors()
     exact: Flag = False
     read_back: Flag = False
-    gain: Gain = Gain()
+    before: Annotated[CommandErrors, Key("gain.before")] = CommandErrors()
+    after: Annotated[CommandErrors, Key("gain.after")] = CommandErrors()
     not_expressed: tuple[NotExpressedEntry, ...] = ()
     notes: tuple[Text, ...] = ()
     advice: tuple[Text, ...] = ()
@@ -182,7 +158,7 @@ class ExportRecord(Record):
     def all_findings(self) -> list[Note]:
         """Return what the user must look at: what cannot be expressed, numbers that are worse."""
         out = self.lacking()
-        old, new = self.gain.before, self.gain.after
+        old, new = self.before, self.after
         if old.rms is not None and new.rms is not None and new.rms > old.rms + NO_GAIN:
             out.append(Note(f"the new {self.called} numbers are worse than the old ones over this "
                             "workspace"))
@@ -224,7 +200,7 @@ def error_size(value: float | None, unit: str = "") -> str:
     return f"below {smallest:.{decimals}f}" if text and abs(value or 0.0) < smallest else text
 
 
-def _rms_words(position: float | None, unit: str, rotation: RotationErrors | None) -> str:
+def _rms_words(position: float | None, unit: str, rotation: ErrorSize | None) -> str:
     parts = [(position, unit)]
     if rotation is not None:
         parts.append((rotation.rms, rotation.unit))

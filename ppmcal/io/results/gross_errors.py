@@ -9,8 +9,9 @@ from collections.abc import Mapping
 from dataclasses import field
 
 from ppmcal.calibration.fit import GrossError, GrossErrors, HomingShift, half_or
+from ppmcal.io.results.parts import LeftOutRow
 from ppmcal.io.results.record import Finite, Part, Text, Whole
-from ppmcal.io.results.units import COLUMN, JOINT, MachineUnits, parameter_unit
+from ppmcal.io.results.units import JOINT, MachineUnits, column_factor, parameter_unit
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.notes import Note
@@ -20,37 +21,6 @@ from ppmcal.wording import abbreviate_list
 SHOWN = 3
 CHANGED = 3
 ROWS = 8
-
-
-class LeftOutRow(Part):
-    """One row that was left out: what it says, ``unit``, and what the others predict there.
-
-    ``times``: how far apart, in standard deviations; ``may_be_slack``: ropes that may have been.
-    """
-
-    dataset: Text = ""
-    row: Whole | None = None
-    coordinate: Text = ""
-    value: OfUnit[Finite | None] = None
-    predicted: OfUnit[Finite | None] = None
-    unit: Text = ""
-    times: Finite | None = None
-    may_be_slack: tuple[Text, ...] = ()
-
-    @classmethod
-    def of(cls, error: GrossError, mechanism: Mechanism) -> LeftOutRow:
-        """Return the entry of a row in file units."""
-        return cls.filled(error, mechanism.units,
-                          coordinate=error.number or POSE_COORDINATES[error.coordinate],
-                          unit="length" if error.coordinate < 3 else "angle",
-                          **({"may_be_slack": error.slack} if error.slack else {}))
-
-
-class ChangedEstimate(Part):
-    """A parameter now, and with the rows that were left out; unit of the parameter."""
-
-    now: OfUnit[Finite | None] = None
-    with_them: OfUnit[Finite | None] = None
 
 
 class HomingShiftEntry(Part):
@@ -99,20 +69,24 @@ class UncheckedRows(Part):
 
 
 class GrossErrorSummary(Part):
-    """What does not belong; ``would_be``: parameters that the rows left out would change."""
+    """What does not belong.
+
+    ``would_be``: parameters that the rows left out would change: ``now``, and ``with_them``, in
+    the unit of each.
+    """
 
     rows: tuple[LeftOutRow, ...] = ()
-    would_be: Mapping[Text, ChangedEstimate] = field(default_factory=dict)
+    would_be: Mapping[Text, Mapping[Text, Finite | None]] = field(default_factory=dict)
     homing_shifts: tuple[HomingShiftEntry, ...] = ()
     unchecked: tuple[UncheckedRows, ...] = ()
 
     @classmethod
     def of(cls, found: GrossErrors, mechanism: Mechanism) -> GrossErrorSummary:
         """Return the entry in file units."""
-        changed = {name: ChangedEstimate.filled(None, MachineUnits.of(mechanism), now=now,
-                                                with_them=then, unit=COLUMN + name)
-                   for name, (now, then) in found.would.items()}
-        return cls(rows=tuple(LeftOutRow.of(r, mechanism) for r in found.rows), would_be=changed,
+        changed = {name: {"now": now / f, "with_them": then / f}
+                   for name, (now, then) in found.would.items()
+                   for f in [column_factor(mechanism, name)]}
+        return cls(rows=tuple(_left_out(r, mechanism) for r in found.rows), would_be=changed,
                    homing_shifts=tuple(HomingShiftEntry.of(s, mechanism)
                                        for s in found.homing_shifts),
                    unchecked=tuple(UncheckedRows(dataset=n, rows=r) for n, r in found.unchecked))
@@ -135,9 +109,17 @@ def row_sentences(found: GrossErrorSummary, mechanism: Mechanism) -> list[str]:
     if len(found.rows) > SHOWN:
         out.append(f"  ... and {len(found.rows) - SHOWN} more rows, see residuals.csv.")
     out += slack_in_common(found)
-    return out + [f"  With them {name} would be {_six(e.with_them)} in place of {_six(e.now)} "
-                  f"{parameter_unit(mechanism, name)}."
+    return out + [f"  With them {name} would be {_six(e.get('with_them'))} in place of "
+                  f"{_six(e.get('now'))} {parameter_unit(mechanism, name)}."
                   for name, e in list(found.would_be.items())[:CHANGED]]
+
+
+def _left_out(error: GrossError, mechanism: Mechanism) -> LeftOutRow:
+    """Return the entry of a row in file units."""
+    return LeftOutRow.filled(error, mechanism.units,
+                             coordinate=error.number or POSE_COORDINATES[error.coordinate],
+                             unit="length" if error.coordinate < 3 else "angle",
+                             **({"may_be_slack": error.slack} if error.slack else {}))
 
 
 def _slack(row: LeftOutRow) -> str:

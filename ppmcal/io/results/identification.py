@@ -20,14 +20,14 @@ from ppmcal.io.results.identification_parts import (
     CorrelatedPair,
     CovarianceEntry,
     DoubtfulPart,
-    ExcludedRow,
+    ErrorStages,
     FittedDataset,
     FreedomChoiceEntry,
     ParameterEstimate,
     RegistrationEntry,
-    ResidualStages,
     Summaries,
     combination_in_units,
+    excluded_rows,
     summaries,
 )
 from ppmcal.io.results.identification_tables import (
@@ -37,6 +37,7 @@ from ppmcal.io.results.identification_tables import (
     table_units,
 )
 from ppmcal.io.results.known_rows import RowsOfTable, rows_behind
+from ppmcal.io.results.parts import LeftOutRow
 from ppmcal.io.results.record import Finite, Flag, Record, Text, Whole
 from ppmcal.io.results.units import Numbers
 from ppmcal.model.registration import Registration
@@ -77,7 +78,7 @@ class IdentificationRecord(Record):
     by_normal_equations: Whole | None = None
     converged: Flag | None = None
     prior_scale: Finite | None = None
-    residual: ResidualStages = ResidualStages()
+    residual: ErrorStages = ErrorStages()
     unexplained: Summaries = field(default_factory=dict)
     holdout_note: Text = ""
     noise: Noise = unsaid(Noise)
@@ -86,7 +87,7 @@ class IdentificationRecord(Record):
     flats: tuple[FlatShape, ...] = ()
     gross_errors: GrossErrorSummary = GrossErrorSummary()
     identifiability: IdentifiabilitySummary = IdentifiabilitySummary()
-    excluded: tuple[ExcludedRow, ...] = ()
+    excluded: tuple[LeftOutRow, ...] = ()
     findings: tuple[Text, ...] = ()
     datasets: tuple[FittedDataset, ...] = ()
     units: Units = unsaid(Units)
@@ -106,7 +107,7 @@ class IdentificationRecord(Record):
         """Return the record of an identification."""
         fit, mechanism, units = result.fit, result.mechanism, result.mechanism.units
         carried = {} if result.earlier is None else {"earlier": dict(result.earlier.inputs)}
-        stages = ResidualStages(before_is=definition(fit.problem.blind),
+        stages = ErrorStages(before_is=definition(fit.problem.blind),
                                 before=summaries(result.before.figures(fit.keep), units),
                                 after=summaries(result.after.figures(fit.keep), units),
                                 holdout=summaries(result.holdout, units))
@@ -126,8 +127,8 @@ class IdentificationRecord(Record):
             flats=tuple(FlatShape.filled(f, units, unit="length") for f in result.flats),
             gross_errors=GrossErrorSummary.of(result.gross_errors, mechanism),
             identifiability=IdentifiabilitySummary.of(result.identifiability, mechanism),
-            excluded=(*ExcludedRow.each(fit), *(
-                ExcludedRow(dataset=d.name, row=int(row), reason=reason)
+            excluded=(*excluded_rows(fit), *(
+                LeftOutRow(dataset=d.name, row=int(row), reason=reason)
                 for d in fit.problem.datasets for row, reason in d.dropped)),
             findings=(*mechanism.findings, *result.findings),
             datasets=_datasets(result),

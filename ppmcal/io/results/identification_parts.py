@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import field
-from typing import Self
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from ppmcal.calibration.knowledge import Considered, Estimate, FreedomChoice
 from ppmcal.calibration.sessions import session_knowledge
 from ppmcal.calibration.validation import Dependence, DoubtfulStretch, Identification
 from ppmcal.io.pose_fields import factors
+from ppmcal.io.results.parts import ErrorSize, LeftOutRow
 from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
 from ppmcal.io.results.session_parts import SessionInformation
 from ppmcal.io.results.units import (
@@ -27,6 +27,7 @@ from ppmcal.model.instruments import InstrumentKind
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.units import Angle, Length, OfUnit, Units
+from ppmcal.wording import number
 
 
 class SessionValue(Part):
@@ -110,27 +111,39 @@ def combination_in_units(d: Dependence, mechanism: Mechanism) -> Dependence:
                                for n, v in d.depends_on.items()})
 
 
-class ResidualSummary(Part):
-    """Statistics of one kind of error, in ``unit``."""
-
-    mean: OfUnit[Finite | None] = None
-    rms: OfUnit[Finite | None] = None
-    p95: OfUnit[Finite | None] = None
-    max: OfUnit[Finite | None] = None
-    unit: Text = ""
-
-
-Summaries = Mapping[Text, ResidualSummary]
+Summaries = Mapping[Text, ErrorSize]
 """Statistics by kind of error: position, rotation, closure, height, distance."""
 
 
-class ResidualStages(Part):
-    """Errors before the fit, after it, and on what was held out; ``before_is``: of what machine."""
+class ErrorStages(Part):
+    """Errors by kind in the rows in use: as ``before_is`` says, of geometry alone, of the model.
+
+    ``holdout``: of the model, on what was held out.
+    """
 
     before_is: Text = ""
     before: Summaries = field(default_factory=dict)
+    geometry: Summaries = field(default_factory=dict)
     after: Summaries = field(default_factory=dict)
     holdout: Summaries = field(default_factory=dict)
+
+    def sentence(self, more: bool) -> str:
+        """Return the sizes and what before is, empty where the file does not say."""
+        sizes = self.sizes(more)
+        return sizes + before_words(self.before_is) if sizes else ""
+
+    def sizes(self, more: bool) -> str:
+        """Return the rms error at each stage, empty where the file does not say.
+
+        Args:
+            more: whether the model has more than geometry.
+        """
+        kind = next((k for k in ("position", *self.after) if k in self.after), "")
+        stages = [("before", self.before), ("geometry alone", self.geometry),
+                  ("with what was found", self.after)][:3 if more else 2]
+        sizes = [f"{name} {number(s[kind].rms)} {s[kind].unit}" for name, s in stages
+                 if kind in s and s[kind].rms is not None]
+        return f"{kind.capitalize()} error, rms: {', '.join(sizes)}." if sizes else ""
 
 
 def before_words(before_is: str) -> str:
@@ -146,19 +159,11 @@ class CorrelatedPair(Part):
     value: Finite | None = None
 
 
-class ExcludedRow(Part):
-    """A row that the fit left out, by its number in the CSV."""
-
-    dataset: Text = ""
-    row: Whole | None = None
-    reason: Text = ""
-
-    @classmethod
-    def each(cls, fit: Fit) -> tuple[Self, ...]:
-        """Return the rows that a fit left out."""
-        return tuple(cls(dataset=d.name, row=int(d.rows[n]), reason=reason)
-                     for d, reasons in zip(fit.problem.datasets, fit.reasons, strict=True)
-                     for n, reason in sorted(reasons.items()))
+def excluded_rows(fit: Fit) -> tuple[LeftOutRow, ...]:
+    """Return the rows that a fit left out."""
+    return tuple(LeftOutRow(dataset=d.name, row=int(d.rows[n]), reason=reason)
+                 for d, reasons in zip(fit.problem.datasets, fit.reasons, strict=True)
+                 for n, reason in sorted(reasons.items()))
 
 
 class RegistrationEntry(Part):
@@ -262,9 +267,9 @@ class CovarianceEntry(Part):
 
 
 def summaries(values: Mapping[str, Mapping[str, float]], units: Units
-              ) -> dict[str, ResidualSummary]:
+              ) -> dict[str, ErrorSize]:
     """Return error statistics, SI, by kind in file units."""
-    return {name: ResidualSummary.filled(
+    return {name: ErrorSize.filled(
         None, units, **parts, unit="angle" if name == "rotation" else "length")
         for name, parts in values.items()}
 

@@ -8,18 +8,11 @@ from typing import Any
 import numpy as np
 
 from ppmcal.calibration.interpretation import Interpretation
-from ppmcal.io.results.record import Part, Shown, Text, Whole
-from ppmcal.units import OfUnit, Units
+from ppmcal.io.results.parts import ErrorChange
+from ppmcal.io.results.record import Part, Text, Whole
+from ppmcal.units import Units
 
 FORMAT = "ppmcal/misread/1"
-
-
-class MedianMiss(Part):
-    """Half of the rows miss by more, nominal machine, best registration, in ``unit``."""
-
-    before: OfUnit[Shown | None] = None
-    after: OfUnit[Shown | None] = None
-    unit: Text = ""
 
 
 class MisreadingEntry(Part):
@@ -27,7 +20,8 @@ class MisreadingEntry(Part):
 
     ``read``: the sidecar's block that corrects all mistakes of that file; null where only the user
     can; ``sigma``: entries of its ``instrument.sigma`` that belong to that, in its units.
-    ``rows``: where not all.
+    ``rows``: where not all; ``residual``: half of the rows miss by more, of the
+    nominal machine at its best registration.
     """
 
     file: Text = ""
@@ -35,7 +29,7 @@ class MisreadingEntry(Part):
     columns: tuple[Text, ...] = ()
     rows: tuple[Whole, ...] | None = None
     read: Mapping[str, Any] | None = None
-    residual: MedianMiss | None = None
+    residual: ErrorChange | None = None
     text: Text = ""
     sigma: Mapping[str, float] | None = None
 
@@ -45,7 +39,7 @@ def misreading_entries(found: Sequence[Interpretation], units: Units) -> tuple[M
     """Return one entry for each mistake, file units."""
     out = []
     for one in found:
-        miss = MedianMiss.filled(one, units, unit=one.quantity)
+        miss = ErrorChange.filled(one, units, unit=one.quantity)
         known = np.isfinite(one.after)
         out += [MisreadingEntry.filled(
             m, file=one.source, rows=m.rows or None, read=one.block,

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
 from ppmcal.io import csv_text
 from ppmcal.io.pose_fields import EULER, QUATERNION, columns_of
 from ppmcal.io.results.kinematics_uncertainty import KinematicsUncertainty, ModelSigma
-from ppmcal.io.results.record import Finite, Flag, Part, Record, Shown, Text, Whole
+from ppmcal.io.results.record import Finite, Flag, Record, Shown, Text, Whole
 from ppmcal.io.results.tables import (
     WrittenTable,
     column_units,
@@ -25,7 +25,7 @@ from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.store.provenance import Provenance
-from ppmcal.units import OfUnit
+from ppmcal.units import Key, Length
 from ppmcal.wording import pluralize
 
 KINEMATICS_TABLE = WrittenTable("kinematics.csv", lambda name: (
@@ -100,33 +100,14 @@ class ModeColumns:
         return tuple(int((self.mode[self.row == n] > 0).sum()) for n in np.unique(self.row))
 
 
-class AssemblyModes(Part):
-    """How many assembly modes each row has, how they were found, and whether that is all."""
-
-    method: Text = ""
-    complete: Flag = False
-    counts: tuple[Whole, ...] = ()
-
-
-class PosePoint(Part):
-    """The point whose poses are written, platform axes, in ``unit``."""
-
-    point: OfUnit[tuple[Finite, ...]] = ()
-    unit: Text = ""
-
-
-class Conditioning(Part):
-    """The smallest singular value at home, and below which a pose counts as singular; bare."""
-
-    home: Shown | None = None
-    singular: Shown | None = None
-
-
 class KinematicsRecord(Record):
     """kinematics.json: what was solved.
 
-    ``status``: rows by status; ``units`` by column; ``limits``: lowest and highest value of each
-    joint that has limits, in its column's unit.
+    ``status``: rows by status; ``units`` by column; ``tool``: the point whose poses are written,
+    platform axes; ``limits``: lowest and highest value of each joint that has limits, in its
+    column's unit; ``conditioning``: the smallest singular value at ``home``, and below which a pose
+    counts as ``singular``; ``modes``: how many assembly modes each row has, by which method, and
+    whether these are all.
     """
 
     FILE: ClassVar[str] = "kinematics.json"
@@ -137,11 +118,14 @@ class KinematicsRecord(Record):
     status: Mapping[Text, Whole] = field(default_factory=dict)
     units: Mapping[Text, Text] = field(default_factory=dict)
     rotation: Text = ""
-    tool: PosePoint | None = None
+    tool: Annotated[Length[tuple[Finite, ...] | None], Key("tool.point")] = None
+    tool_unit: Annotated[Text, Key("tool.unit")] = ""
     method: Text = ""
     limits: Mapping[Text, tuple[Finite | None, Finite | None]] = field(default_factory=dict)
-    conditioning: Conditioning = Conditioning()
-    modes: AssemblyModes | None = None
+    conditioning: Mapping[str, Shown | None] = field(default_factory=dict)
+    mode_method: Annotated[Text, Key("modes.method")] = ""
+    all_modes: Annotated[Flag, Key("modes.complete")] = False
+    modes: Annotated[tuple[Whole, ...] | None, Key("modes.counts")] = None
     uncertainty: KinematicsUncertainty = KinematicsUncertainty()
     provenance: Provenance = Provenance()
 
@@ -154,16 +138,18 @@ class KinematicsRecord(Record):
         home = home_singular_value(mechanism)[0]
         chosen: dict[str, Any] = {"rotation": form.rotation}
         if form.tool is not None:
-            chosen["tool"] = PosePoint.filled(None, mechanism.units, point=form.tool, unit="length")
+            chosen |= {"tool": form.tool, "tool_unit": mechanism.units.length}
         if form.method:
             chosen["method"] = form.method
         if modes is not None:
-            chosen["modes"] = AssemblyModes.filled(modes)
-        return cls(format=cls.FORMAT, which=which, rows=len(table.status),
+            chosen |= {"mode_method": modes.method, "all_modes": modes.complete,
+                       "modes": modes.counts}
+        return cls.filled(
+                   None, mechanism.units, format=cls.FORMAT, which=which, rows=len(table.status),
                    status={s: table.status.count(s) for s in sorted(set(table.status))},
                    units=column_units(mechanism, names), **chosen, limits=_limits(mechanism),
                    uncertainty=uncertainty or KinematicsUncertainty(),
-                   conditioning=Conditioning(home=home, singular=SINGULAR * home),
+                   conditioning={"home": home, "singular": SINGULAR * home},
                    provenance=Provenance(**provenance))
 
 
@@ -240,12 +226,11 @@ def solved_sentence(solved: int, rows: int) -> str:
     return f"{solved} of {pluralize(rows, 'row')} solved"
 
 
-def modes_sentence(modes: ModeColumns | AssemblyModes) -> str:
+def modes_sentence(counts: Sequence[int], method: str, complete: bool) -> str:
     """Return how many assembly modes the rows have, and whether that is all."""
-    counts = modes.counts
     if not counts:
         return ""
     few, many = min(counts), max(counts)
     said = f"{many}" if few == many else f"{few} to {many}"
-    more = "" if modes.complete else "; there may be more"
-    return f"Assembly modes in each row: {said} ({modes.method}{more})."
+    more = "" if complete else "; there may be more"
+    return f"Assembly modes in each row: {said} ({method}{more})."

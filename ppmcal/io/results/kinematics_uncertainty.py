@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ppmcal.io.results.record import Finite, Part, Text
+from ppmcal.io.results.parts import ErrorSize
+from ppmcal.io.results.record import Part, Text
 from ppmcal.io.results.tables import unit_map
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
@@ -19,13 +20,6 @@ BASES = {COVARIANCE: "covariance of the calibration",
          SIGMAS: "the file's sigmas, as if independent"}
 
 
-class SigmaSize(Part):
-    """One standard deviation of a column, rms over the rows, in ``unit``."""
-
-    rms: Finite | None = None
-    unit: Text = ""
-
-
 class KinematicsUncertainty(Part):
     """How well the model is known; ``source``: covariance, sigmas, tolerances or none.
 
@@ -35,7 +29,7 @@ class KinematicsUncertainty(Part):
 
     source: Text = NONE
     frame: Text = ""
-    sizes: Mapping[Text, SigmaSize] = field(default_factory=dict)
+    sizes: Mapping[Text, ErrorSize] = field(default_factory=dict)
 
     def words(self) -> str:
         """Return one sentence."""
@@ -69,7 +63,7 @@ class ModelSigma:
            ) -> ModelSigma:
         """Return the uncertainty of a table; of tolerances the columns are listed by size alone."""
         units = unit_map(mechanism, list(columns))
-        sizes = {name: SigmaSize(rms=_rms(values), unit=units.get(name, ""))
+        sizes = {name: ErrorSize(rms=_rms(values), unit=units.get(name, ""))
                  for name, values in columns.items()}
         return cls({} if source == TOLERANCES else columns,
                    KinematicsUncertainty(source=source, frame=frame, sizes=sizes))

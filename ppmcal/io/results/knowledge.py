@@ -22,8 +22,8 @@ from ppmcal.io.results.identification_parts import (
     DoubtfulPart,
     FittedDataset,
     HeldParameters,
-    ResidualSummary,
 )
+from ppmcal.io.results.parts import ErrorSize
 from ppmcal.io.results.session_parts import SessionInformation, SessionRows, rest_factors
 from ppmcal.io.results.units import Numbers, column_factor
 from ppmcal.linalg import Array, eigh
@@ -74,7 +74,7 @@ def knowledge_of(record: IdentificationRecord, mechanism: Mechanism,
     names, matrix = (*names, *kept.names), kept.beside(matrix)
     check_same_mechanism(names, mechanism, path)
     factor = np.array([column_factor(mechanism, n) for n in names])
-    left = [(record.unexplained.get(kind, ResidualSummary()).rms or 0.0) * units.factor(quantity)
+    left = [(record.unexplained.get(kind, ErrorSize()).rms or 0.0) * units.factor(quantity)
             for kind, quantity in (("position", "length"), ("rotation", "angle"))]
     return ParameterCovariance(names, matrix * np.outer(factor, factor), volume, turn, before,
                                (left[0], left[1]),

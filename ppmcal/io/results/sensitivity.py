@@ -9,8 +9,17 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 
 from ppmcal.design.sensitivity import Sensitivity
-from ppmcal.io.results.design import AnalysisRecord, NumberWithUnit, ShownTable, geometry_note
-from ppmcal.io.results.record import Flag, Part, Shown, Text, Whole, in_units, table_text
+from ppmcal.io.results.design import AnalysisRecord, ShownTable, geometry_note
+from ppmcal.io.results.record import (
+    Flag,
+    Part,
+    PlainCell,
+    Shown,
+    Text,
+    Whole,
+    in_units,
+    table_text,
+)
 from ppmcal.io.results.sensitivity_tables import (
     captions,
     jacobian_table,
@@ -30,47 +39,10 @@ from ppmcal.kinematics.region import Grid
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.store.provenance import Provenance
-from ppmcal.units import Angle, Length, OfUnit, Quantity
+from ppmcal.units import Angle, Key, Length, Quantity
 
 MOST_ENTRIES = 500_000
 """jacobian.csv is left out where it would have more rows."""
-
-
-class ToolPoint(Part):
-    """The tool point in platform axes."""
-
-    value: OfUnit[tuple[Shown, ...]] = ()
-    unit: Text = ""
-
-
-class HomeErrors(Part):
-    """Figures at home; units of length and angle as in ``units``."""
-
-    amplification_position: Shown | None = None
-    amplification_rotation: Annotated[Shown | None, Quantity("angle/length")] = None
-    rss_position: Length[Shown | None] = None
-    rss_rotation: Angle[Shown | None] = None
-    worst_position: Length[Shown | None] = None
-    worst_rotation: Angle[Shown | None] = None
-
-    @classmethod
-    def of(cls, found: Sensitivity) -> Self:
-        """Return the figures at home in file units."""
-        position, rotation = found.home_index.tolist()
-        return cls.filled(
-            None, found.mechanism.units, amplification_position=position,
-            amplification_rotation=rotation, rss_position=float(found.home.position[0]),
-            rss_rotation=float(found.home.rotation[0]),
-            worst_position=float(found.home.worst_position[0]),
-            worst_rotation=float(found.home.worst_rotation[0]))
-
-
-class GroupShare(Part):
-    """Share of the tool's variance that comes from one group of errors, bare numbers."""
-
-    group: Text = ""
-    share_position: Shown | None = None
-    share_rotation: Shown | None = None
 
 
 class ErrorsTogether(Part):
@@ -106,16 +78,14 @@ class ErrorsTogether(Part):
             linear_rotation=turned, exact_rotation=exact_turn, rotation_unit=units.angle)
 
 
-class LinearLimit(Part):
-    """Size of errors up to which the linear model is right to ``relative``, None: at all tried."""
-
-    value: Shown | None = None
-    relative: Shown | None = None
-    unit: Text = ""
-
-
 class SensitivityRecord(AnalysisRecord):
-    """sensitivity.json; ``units``: of the columns of the tables, by name."""
+    """sensitivity.json; ``units``: of the columns of the tables, by name.
+
+    ``tool``: in platform axes; ``amplification_position`` to ``worst_rotation``: at home;
+    ``groups``: shares of the tool's variance that come from groups of errors, bare; ``linear_to``:
+    size of errors up to which the linear model is right to ``linear_to_within``, None: at all
+    tried.
+    """
 
     FILE: ClassVar[str] = "sensitivity.json"
     FORMAT: ClassVar[str] = "ppmcal/sensitivity/1"
@@ -125,12 +95,22 @@ class SensitivityRecord(AnalysisRecord):
 
     errors: Whole = 0
     poses: Mapping[str, Whole] = field(default_factory=dict)
-    metric: NumberWithUnit = NumberWithUnit()
-    tool: ToolPoint = ToolPoint()
-    home: HomeErrors = HomeErrors()
-    groups: Mapping[str, tuple[GroupShare, ...]] = field(default_factory=dict)
+    metric: Annotated[Length[Shown | None], Key("metric.value")] = None
+    metric_unit: Annotated[Text, Key("metric.unit")] = ""
+    tool: Annotated[Length[tuple[Shown, ...]], Key("tool.value")] = ()
+    tool_unit: Annotated[Text, Key("tool.unit")] = ""
+    amplification_position: Annotated[Shown | None, Key("home.amplification_position")] = None
+    amplification_rotation: Annotated[Shown | None, Quantity("angle/length"),
+                                      Key("home.amplification_rotation")] = None
+    rss_position: Annotated[Length[Shown | None], Key("home.rss_position")] = None
+    rss_rotation: Annotated[Angle[Shown | None], Key("home.rss_rotation")] = None
+    worst_position: Annotated[Length[Shown | None], Key("home.worst_position")] = None
+    worst_rotation: Annotated[Angle[Shown | None], Key("home.worst_rotation")] = None
+    groups: Mapping[str, tuple[Mapping[str, PlainCell], ...]] = field(default_factory=dict)
     together: ErrorsTogether | None = None
-    linear_to: LinearLimit = LinearLimit()
+    linear_to: Annotated[Shown | None, Key("linear_to.value")] = None
+    linear_to_within: Annotated[Shown | None, Key("linear_to.relative")] = None
+    linear_to_unit: Annotated[Text, Key("linear_to.unit")] = ""
     tables: tuple[ShownTable, ...] = ()
     provenance: Provenance = Provenance()
     pictures: Mapping[str, Text] | None = None
@@ -140,20 +120,23 @@ class SensitivityRecord(AnalysisRecord):
            provenance: Mapping[str, Any]) -> Self:
         """Return the record of an analysis of ``mechanism`` over a grid, or over poses."""
         units, status = found.mechanism.units, found.table.status
-        return cls(
-            format=cls.FORMAT, name=found.mechanism.name,
+        amplification, home = found.home_index.tolist(), found.home
+        return cls.filled(
+            None, units, format=cls.FORMAT, name=found.mechanism.name,
             summary=(*sentences(found, grid), *geometry_note(mechanism)),
             units=_units(found, grid), findings=tuple(findings(found, mechanism, grid)),
             errors=len(found.sources), poses={s: status.count(s) for s in sorted(set(status))},
-            metric=NumberWithUnit.filled(None, units, value=found.asked.metric, unit="length"),
-            tool=ToolPoint.filled(None, units, value=found.asked.tool, unit="length"),
-            home=HomeErrors.of(found),
-            groups={by: tuple(GroupShare(group=g, share_position=p, share_rotation=r)
+            metric=found.asked.metric, metric_unit=units.length,
+            tool=found.asked.tool, tool_unit=units.length,
+            amplification_position=amplification[0], amplification_rotation=amplification[1],
+            rss_position=home.position[0], rss_rotation=home.rotation[0],
+            worst_position=home.worst_position[0], worst_rotation=home.worst_rotation[0],
+            groups={by: tuple({"group": g, "share_position": p, "share_rotation": r}
                               for g, p, r in shares(found, by))
                     for by in ("limb", "slot", "kind", "quantity")},
             together=ErrorsTogether.of(found),
-            linear_to=LinearLimit(value=linear_limit(found), relative=LINEAR_WITHIN,
-                                  unit=size_unit(found)),
+            linear_to=linear_limit(found), linear_to_within=LINEAR_WITHIN,
+            linear_to_unit=size_unit(found),
             tables=(share_table(found, "limb"), share_table(found, "slot"),
                     ranking_table(found)),
             provenance=Provenance(**provenance), pictures=captions(found, grid))

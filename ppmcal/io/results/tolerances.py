@@ -10,7 +10,7 @@ from ppmcal.calibration.fit import pictures_beside
 from ppmcal.codec import unsaid
 from ppmcal.design.tolerance_allocation import Demand
 from ppmcal.io.results.design import AnalysisRecord, ShownTable, geometry_note
-from ppmcal.io.results.record import Part, Shown, Text, Whole, table_text
+from ppmcal.io.results.record import Shown, Text, Whole, table_text
 from ppmcal.io.results.tables import unit_map
 from ppmcal.io.results.tolerance_tables import (
     StageYield,
@@ -27,22 +27,13 @@ from ppmcal.store.provenance import Provenance
 from ppmcal.units import Key, Length
 
 
-class LinearCheck(Part):
-    """At how many task poses the linear model agrees with the machines drawn.
-
-    ``calibrated_predicted``: rms position error that it expects after calibration.
-    """
-
-    poses: Whole = 0
-    agree: Whole = 0
-    calibrated_predicted: Length[Shown | None] = None
-
-
 class TolerancesRecord(AnalysisRecord):
     """tolerances.json; lengths and angles in the machine's units.
 
     ``costs``: by method, bare numbers; ``mean_deviation``: one standard deviation for all
-    errors that gives an rms error of the accuracy.
+    errors that gives an rms error of the accuracy; ``linear_agrees``: at how many ``task_poses``
+    the linear model agrees with the machines drawn; ``calibrated_predicted``: rms position error
+    that it expects after calibration.
     """
 
     FILE: ClassVar[str] = "tolerances.json"
@@ -56,7 +47,9 @@ class TolerancesRecord(AnalysisRecord):
     costs: Mapping[str, Shown | None] = field(default_factory=dict)
     errors: Whole = 0
     mean_deviation: Length[Shown | None] = None
-    linear: LinearCheck = LinearCheck()
+    task_poses: Annotated[Whole, Key("linear.poses")] = 0
+    linear_agrees: Annotated[Whole, Key("linear.agree")] = 0
+    calibrated_predicted: Annotated[Length[Shown | None], Key("linear.calibrated_predicted")] = None
     tables: tuple[ShownTable, ...] = ()
     pictures: Mapping[str, Text] | None = None
     provenance: Provenance = Provenance()
@@ -78,9 +71,8 @@ class TolerancesRecord(AnalysisRecord):
             demand=r.demand, method=r.chosen, stages=stages,
             costs={m: a.cost for m, a in r.allocations.items()}, errors=len(r.sources),
             mean_deviation=r.sigma_one,
-            linear=LinearCheck.filled(
-                None, units, poses=len(r.check.agrees), agree=int(r.check.agrees.sum()),
-                calibrated_predicted=r.predicted),
+            task_poses=len(r.check.agrees), linear_agrees=int(r.check.agrees.sum()),
+            calibrated_predicted=r.predicted,
             tables=(_yield_table(stages, units.length), slot_table(r), ShownTable(
                 title="Cost", columns=("method", "cost"), note="",
                 rows=tuple((m, a.cost) for m, a in r.allocations.items()))),

@@ -10,6 +10,7 @@ from ppmcal.calibration.sessions import REPEATS, STATED, DayNoise, UnlikeRow
 from ppmcal.calibration.validation import ModelError, Validated
 from ppmcal.codec import unsaid
 from ppmcal.io import csv_text
+from ppmcal.io.results.parts import ErrorSize
 from ppmcal.io.results.record import Finite, Part, Record, Text, Whole
 from ppmcal.model.measured import MISSED
 from ppmcal.store.provenance import Provenance
@@ -31,28 +32,10 @@ SIZES = ("rms", "rms_low", "rms_high", "p95", "p95_low", "p95_high", "max")
 """Figures of an error, and the ends of their 95 % intervals."""
 
 
-class ErrorSize(Part):
-    """Root mean square, 95 % point and largest of an error, in ``unit``.
-
-    ``rms_low`` ... ``p95_high``: 95 % intervals of what more poses of the kind would give; None is
-    an open end.
-    """
-
-    rms: OfUnit[Finite | None] = None
-    rms_low: OfUnit[Finite | None] = None
-    rms_high: OfUnit[Finite | None] = None
-    p95: OfUnit[Finite | None] = None
-    p95_low: OfUnit[Finite | None] = None
-    p95_high: OfUnit[Finite | None] = None
-    max: OfUnit[Finite | None] = None
-    unit: Text = ""
-
-    @classmethod
-    def of(cls, found: Mapping[str, float], units: Units, quantity: str) -> ErrorSize | None:
-        """Return a size in file units, None where nothing of the kind was measured."""
-        if not found:
-            return None
-        return cls.filled(None, units, **{k: found[k] for k in SIZES}, unit=quantity)
+def _size(found: Mapping[str, float], units: Units, quantity: str) -> ErrorSize | None:
+    """Return a size in file units, None where nothing of the kind was measured."""
+    return ErrorSize.filled(None, units, **{k: found[k] for k in SIZES},
+                            unit=quantity) if found else None
 
 
 class PredictedError(Part):
@@ -85,14 +68,14 @@ class PredictedError(Part):
         """Return an error in file units; ``first``: others are held against this one."""
         low, high = found.interval
         verdict = "" if first else {1: "better", 0: "same", -1: "worse"}[found.sure]
-        closure = ErrorSize.of(found.closure, units, "length")
+        closure = _size(found.closure, units, "length")
         alone: dict[str, Any] = {} if closure is None else {"closure": closure,
                                                             "limbs": found.limbs}
         known = {f: getattr(found, f) for f in ("noise", "closer")}
         return cls.filled(
             None, units, **known, model=found.label, verdict=verdict, low=low, high=high,
-            position=ErrorSize.of(found.position, units, "length"),
-            rotation=ErrorSize.of(found.rotation, units, "angle"),
+            position=_size(found.position, units, "length"),
+            rotation=_size(found.rotation, units, "angle"),
             unit="length" if found.position or found.closure else "angle", **alone)
 
 

@@ -10,8 +10,9 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 
 from ppmcal.design.workspace import Workspace
-from ppmcal.io.results.design import NumberWithUnit, ShownTable
-from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole
+from ppmcal.io.results.design import ShownTable
+from ppmcal.io.results.parts import Range
+from ppmcal.io.results.record import Flag, Part, PlainCell, Record, Shown, Text, Whole
 from ppmcal.io.results.tables import unit_map
 from ppmcal.io.results.workspace_tables import (
     ModeRow,
@@ -26,7 +27,7 @@ from ppmcal.io.results.workspace_tables import (
 from ppmcal.io.results.workspace_wording import assembly_modes, findings, reach, singularities
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.store.provenance import Provenance
-from ppmcal.units import ByCoordinate, Key, OfUnit
+from ppmcal.units import ByCoordinate, Key, Length, OfUnit
 
 MEANING = {
     "condition": "smallest singular value of A, rotation columns divided by length_scale",
@@ -43,43 +44,6 @@ MEANING = {
 """What the columns of map.csv are."""
 
 
-class GridAxis(Part):
-    """One coordinate of the grid."""
-
-    low: OfUnit[Shown | None] = None
-    high: OfUnit[Shown | None] = None
-    levels: Whole = 0
-    unit: Text = ""
-
-
-class ReachableSpace(Part):
-    """Share of the grid that is reached within limits, and its size by what that is called."""
-
-    share: Shown | None = None
-    length: Shown | None = None
-    area: Shown | None = None
-    volume: Shown | None = None
-    extent: Shown | None = None
-    unit: Text = ""
-
-
-class ConditioningIndex(Part):
-    """Mean dexterity over the poses reached, bare numbers."""
-
-    dexterity: Shown | None = None
-    dexterity_legs: Shown | None = None
-
-
-class HomeConditioning(Part):
-    """Figures at home, bare numbers, and which joint is outside its limits there."""
-
-    condition: Shown | None = None
-    dexterity: Shown | None = None
-    dexterity_legs: Shown | None = None
-    determinant: Shown | None = None
-    outside_limits: Text | None = None
-
-
 class SingularPose(Part):
     """The singular pose nearest to home; ``grid_ends_at``: distance to the end of the grid."""
 
@@ -87,24 +51,6 @@ class SingularPose(Part):
     unit: Text = ""
     pose: ByCoordinate[Mapping[str, Shown | None]] = field(default_factory=dict)
     grid_ends_at: OfUnit[Shown | None] = None
-
-    @classmethod
-    def of(cls, found: Workspace) -> Self | None:
-        """Return the singular pose in the machine's units, None where the grid has none."""
-        if found.nearest is None:
-            return None
-        machine, near = found.mechanism, found.nearest
-        return cls.filled(near, machine.units, unit=found.distance_quantity, grid_ends_at=near.edge,
-                          pose=dict(zip(machine.coordinates, near.pose[list(machine.dof)],
-                                        strict=True)))
-
-
-class SingularSet(Part):
-    """How many singular poses the grid has; ``searched``: whether they were looked for."""
-
-    searched: Flag = False
-    points: Whole = 0
-    nearest_to_home: SingularPose | None = None
 
 
 class ModeCount(Part):
@@ -130,7 +76,12 @@ class ModeCount(Part):
 
 
 class WorkspaceRecord(Record):
-    """workspace.json; ``columns``: what those of map.csv are; ``units``: theirs, by name."""
+    """workspace.json; ``columns``: what those of map.csv are; ``units``: theirs, by name.
+
+    ``reachable``: share of the grid within limits, and its size by what that is called;
+    ``conditioning_index``: mean dexterity there; ``home``: figures there, bare, and which joint is
+    outside its limits; ``nearest``: of ``singular_poses`` of the grid, if they were ``searched``.
+    """
 
     FILE: ClassVar[str] = "workspace.json"
     FORMAT: ClassVar[str] = "ppmcal/workspace/1"
@@ -138,14 +89,16 @@ class WorkspaceRecord(Record):
     TABLES: ClassVar[tuple[str, ...]] = ("workspace.csv", "map.csv", "singular.csv", "modes.csv")
 
     name: Text = ""
-    grid: Mapping[str, GridAxis] = field(default_factory=dict)
+    grid: Mapping[str, Range] = field(default_factory=dict)
     poses: Whole = 0
     status: Mapping[str, Whole] = field(default_factory=dict)
     left_out: Mapping[str, Whole] = field(default_factory=dict)
-    reachable: ReachableSpace = ReachableSpace()
-    conditioning_index: ConditioningIndex = ConditioningIndex()
-    home: HomeConditioning = HomeConditioning()
-    singular: SingularSet = SingularSet()
+    reachable: Mapping[str, PlainCell] = field(default_factory=dict)
+    conditioning_index: Mapping[str, Shown | None] = field(default_factory=dict)
+    home: Mapping[str, PlainCell] = field(default_factory=dict)
+    searched: Annotated[Flag, Key("singular.searched")] = False
+    singular_poses: Annotated[Whole, Key("singular.points")] = 0
+    nearest: Annotated[SingularPose | None, Key("singular.nearest_to_home")] = None
     modes: tuple[ModeCount, ...] = ()
     summary: Annotated[tuple[Text, ...], Key("said")] = ()
     findings: tuple[Text, ...] = ()
@@ -153,26 +106,26 @@ class WorkspaceRecord(Record):
     tables: tuple[ShownTable, ...] = ()
     columns: Mapping[str, Text] = field(default_factory=dict)
     units: Mapping[str, Text] = field(default_factory=dict)
-    length_scale: NumberWithUnit = NumberWithUnit()
+    length_scale: Annotated[Length[Shown | None], Key("length_scale.value")] = None
+    length_scale_unit: Annotated[Text, Key("length_scale.unit")] = ""
     provenance: Provenance = Provenance()
 
     @classmethod
     def of(cls, found: Workspace, rows: Sequence[ModeRow], provenance: Mapping[str, Any]) -> Self:
         """Return the record of a workspace and the assembly modes of rows of joint values."""
-        machine = found.mechanism
+        machine, home = found.mechanism, found.home
         size, unit = size_unit(found)
         header = (*machine.coordinates, *(f"q_{a}" for a in machine.actuators))
-        return cls(
-            format=cls.FORMAT, name=machine.name, grid=_axes(found),
+        return cls.filled(
+            None, machine.units, format=cls.FORMAT, name=machine.name, grid=_axes(found),
             poses=len(found.table.status),
             status=dict(sorted(Counter(found.table.status).items())), left_out=left_out(found),
-            reachable=ReachableSpace(share=found.share, unit=unit,
-                                     **{size_word(found): found.size / size}),
-            conditioning_index=ConditioningIndex(dexterity=found.index,
-                                                 dexterity_legs=found.index_legs),
-            home=_home(found),
-            singular=SingularSet(searched=found.searched, points=len(found.singular),
-                                 nearest_to_home=SingularPose.of(found)),
+            reachable={"share": found.share, size_word(found): found.size / size, "unit": unit},
+            conditioning_index={"dexterity": found.index, "dexterity_legs": found.index_legs},
+            home={"condition": home.singular_value[0], "dexterity": home.dexterity[0],
+                  "dexterity_legs": home.legs[0], "determinant": np.sign(home.determinant[0]),
+                  "outside_limits": found.home_limits or None},
+            searched=found.searched, singular_poses=len(found.singular), nearest=_nearest(found),
             modes=tuple(ModeCount.of(r) for r in rows),
             summary=(*reach(found), *singularities(found), *assembly_modes(found, rows)),
             findings=tuple(findings(found, rows)),
@@ -181,8 +134,7 @@ class WorkspaceRecord(Record):
             columns=MEANING,
             units=unit_map(machine, header) | {
                 "singularity_distance": machine.units.name(found.distance_quantity)},
-            length_scale=NumberWithUnit.filled(None, machine.units, value=machine.length_scale,
-                                               unit="length"),
+            length_scale=machine.length_scale, length_scale_unit=machine.units.length,
             provenance=Provenance(**provenance))
 
     def files(self, found: Workspace, rows: Sequence[ModeRow]) -> dict[str, str]:
@@ -190,17 +142,16 @@ class WorkspaceRecord(Record):
         return {**csv_files(found, rows), self.FILE: self.text()}
 
 
-def _axes(found: Workspace) -> dict[str, GridAxis]:
-    return {POSE_COORDINATES[c]: GridAxis.filled(
+def _nearest(found: Workspace) -> SingularPose | None:
+    """Return the singular pose nearest to home, file units, None where the grid has none."""
+    near, machine = found.nearest, found.mechanism
+    return None if near is None else SingularPose.filled(
+        near, machine.units, unit=found.distance_quantity, grid_ends_at=near.edge,
+        pose=dict(zip(machine.coordinates, near.pose[list(machine.dof)], strict=True)))
+
+
+def _axes(found: Workspace) -> dict[str, Range]:
+    return {POSE_COORDINATES[c]: Range.filled(
         None, found.mechanism.units, low=float(level[0]), high=float(level[-1]),
         levels=len(level), unit="length" if c < 3 else "angle")
         for c, level in zip(found.grid.coordinates, found.grid.levels, strict=True)}
-
-
-def _home(found: Workspace) -> HomeConditioning:
-    home = found.home
-    return HomeConditioning(condition=float(home.singular_value[0]),
-                            dexterity=float(home.dexterity[0]),
-                            dexterity_legs=float(home.legs[0]),
-                            determinant=float(np.sign(home.determinant[0])),
-                            outside_limits=found.home_limits or None)
