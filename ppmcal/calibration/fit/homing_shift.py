@@ -24,6 +24,7 @@ from ppmcal.inference.question import Question
 from ppmcal.inference.sets import posterior
 from ppmcal.linalg import Bools
 from ppmcal.model.sessions import session_masks
+from ppmcal.units import Finite, OfUnit
 
 MANY_OUT = 0.3
 """Rows left out count again where more than this part of their session was."""
@@ -35,15 +36,17 @@ SEEN = 3e-8
 class HomingShift:
     """A joint's zero in one session against the others: ``value`` +- ``sigma``, SI.
 
-    ``half``: of the 95 % interval, the size of the noise not being known exactly.
+    ``half``: of the 95 % interval, the size of the noise not being known exactly;
+    ``unit``: the joint's, once it is said.
     """
 
     session: str
     actuator: str
-    value: float
-    sigma: float
-    half: float
-    probability: float
+    value: OfUnit[Finite]
+    sigma: OfUnit[Finite]
+    half: OfUnit[Finite]
+    probability: Finite
+    unit: str = ""
 
 
 def homing_shifts(fit: Fit) -> Iterator[HomingShift]:

@@ -158,20 +158,6 @@ class DiagnosedEffect(Part):
                    visibility=c.visibility, probability=c.probability, status=c.status)
 
 
-class ResidualAfter(Part):
-    """What is left: rms over the noise, and what the likeliest unknown cause in it looks like.
-
-    ``known``: probability that there is none; ``p_value``: null.
-    """
-
-    follows: Text | None = None
-    p_value: Shown | None = None
-    known: Shown | None = None
-    rms_ratio: Shown | None = None
-    noise_reference: Text = ""
-    noise_ratio: Shown | None = None
-
-
 class HeldOutGap(Part):
     """Residuals without and with the effects in rows left out of the fits, over the noise.
 
@@ -197,19 +183,6 @@ class HeldOutGap(Part):
                        interval=None, poses=0, chose=())
         return cls.filled(gap, noise=1.0, chose=tuple(chose), rms_closed=(
             1.0 - gap.after / gap.before if gap.before else None))
-
-
-class NextMeasurements(Part):
-    """What to measure next; ``rows`` of them in ``file``, with the rivals' odds before and after.
-
-    Without a file the reason says what to do instead.
-    """
-
-    reason: Text = ""
-    file: Text | None = None
-    rows: Whole = 0
-    odds_before: Shown | None = None
-    odds_after: Shown | None = None
 
 
 def _event(result: Diagnosis, effect: NamedEffect) -> dict[str, Any]:
