@@ -33,6 +33,7 @@ from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_files import effects_csv
 from ppmcal.io.results.diagnosis_parts import (
     DiagnosedEffect,
+    SuspectedEffect,
 )
 from ppmcal.io.results.learned_parts import LearnedEntry
 from ppmcal.model.effects import find_effect
@@ -217,7 +218,7 @@ def test_people_are_told_which_of_two_kinds_of_one_name(capsys: pytest.CaptureFi
     own, other = (Hypothesis(k.name, (), True, (), (), (), (), effect=k) for k in (
         kinds["base_compliance about base"], kinds["base_compliance"]))
     named = NamedEffect(own.kind, (), (), 0.9, 0.75, (other.label,), (0.25,), own)
-    suspected = DiagnosedEffect.weak(Candidate(own, 0.2, 0.5, "weak"))
+    suspected = SuspectedEffect.of(Candidate(own, 0.2, 0.5, "weak"))
     machine = SimpleNamespace(units=Units("mm", "deg"), names=(), effects=())
     result = SimpleNamespace(identification=SimpleNamespace(
         mechanism=machine, estimates=(), fit=None))

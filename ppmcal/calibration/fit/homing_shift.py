@@ -8,7 +8,7 @@ are taken back for the question.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -44,9 +44,9 @@ class HomingShift:
     actuator: str
     value: OfUnit[Finite]
     sigma: OfUnit[Finite]
-    half: OfUnit[Finite]
+    unit: str = field(default="", kw_only=True)
     probability: Finite
-    unit: str = ""
+    half: OfUnit[Finite]
 
 
 def homing_shifts(fit: Fit) -> Iterator[HomingShift]:
@@ -66,8 +66,9 @@ def homing_shifts(fit: Fit) -> Iterator[HomingShift]:
     joints = [(label, a) for label, _ in sessions for a in names]
     moved = _moved(rows, joints, len(names))
     if moved:
-        yield from (HomingShift(*joints[c], *found, p) for (c, p), found in zip(
-            moved.items(), _fitted(rows, list(moved)), strict=True))
+        yield from (HomingShift(*joints[c], value, sigma, p, half)
+                    for (c, p), (value, sigma, half) in zip(
+                        moved.items(), _fitted(rows, list(moved)), strict=True))
 
 
 def _moved(rows: AddedColumns, joints: Sequence[tuple[str, str]], each: int) -> dict[int, float]:

@@ -8,7 +8,7 @@ that they have in common.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations, pairwise, product
 
 import numpy as np
@@ -73,9 +73,9 @@ class DoubtfulStretch:
     actuator: str
     low: OfUnit[Finite]
     high: OfUnit[Finite]
+    unit: str = field(default="", kw_only=True)
     position: Length[Finite]
     rotation: Angle[Finite]
-    unit: str = ""
 
     def holds(self, joint: Array) -> Bools:
         """Return which values of the joint (N,) are in the stretch."""

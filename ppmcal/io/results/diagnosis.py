@@ -19,6 +19,7 @@ from ppmcal.io.results.campaign import CampaignSummary
 from ppmcal.io.results.diagnosis_parts import (
     DiagnosedEffect,
     HeldOutGap,
+    SuspectedEffect,
 )
 from ppmcal.io.results.identification_parts import ErrorStages, excluded_rows, summaries
 from ppmcal.io.results.interpretation import MisreadingEntry, misreading_entries
@@ -55,7 +56,7 @@ class DiagnosisRecord(Record):
     verdict: Text = ""
     misreadings: tuple[MisreadingEntry, ...] = ()
     effects: tuple[DiagnosedEffect, ...] = ()
-    suspected: Annotated[tuple[DiagnosedEffect, ...], Key("possible")] = ()
+    suspected: Annotated[tuple[SuspectedEffect, ...], Key("possible")] = ()
     nothing: Shown | None = None
     unknown: tuple[UnknownFound, ...] = ()
     learned: tuple[LearnedEntry, ...] = ()
@@ -104,7 +105,7 @@ class DiagnosisRecord(Record):
                 [m for d in fit.problem.datasets for m in plain_mistakes(
                     d, fit.problem.mechanism)], units),
             effects=tuple(DiagnosedEffect.of(result, e) for e in result.effects),
-            suspected=tuple(DiagnosedEffect.weak(c) for c in result.suspected),
+            suspected=tuple(SuspectedEffect.of(c) for c in result.suspected),
             nothing=result.nothing,
             unknown=result.unknown, predictive=result.predictive,
             learned=LearnedEntry.all_of(result),

@@ -101,9 +101,9 @@ class EffectInSession(Part):
 
 
 class DiagnosedEffect(Part):
-    """An effect that the data name, or what may be there but is too weak for that.
+    """An effect that the data name.
 
-    ``label``: what people call its ``kind``, where kinds of one name differ; ``status``: ``weak``.
+    ``label``: what people call its ``kind``, where kinds of one name differ.
 
     ``probability``: that it is there, and nothing else in its place; ``survival``: the part that
     geometry cannot imitate; ``alternatives``: kinds that the data cannot tell from it,
@@ -132,7 +132,6 @@ class DiagnosedEffect(Part):
     sessions: tuple[EffectInSession, ...] = ()
     same_in_sessions_p: Shown | None = None
     side: Text = ""
-    status: Text = ""
 
     @property
     def called(self) -> str:
@@ -151,11 +150,26 @@ class DiagnosedEffect(Part):
             side=effect.side(result.identification.mechanism),
             **_event(result, effect), **_derived(result, effect))
 
+
+class SuspectedEffect(Part):
+    """Something that may be there but is too weak to be named; ``status``: ``weak``."""
+
+    kind: Text = ""
+    label: Text = ""
+    on: tuple[Text, ...] = ()
+    probability: Shown | None = None
+    visibility: Annotated[Shown | None, Key("survival")] = None
+    status: Text = ""
+
+    @property
+    def called(self) -> str:
+        """What people call it, in files of older versions too."""
+        return self.label or self.kind
+
     @classmethod
-    def weak(cls, c: Candidate) -> DiagnosedEffect:
+    def of(cls, c: Candidate) -> SuspectedEffect:
         """Return a candidate that is not named."""
-        return cls(kind=c.hypothesis.kind, label=c.hypothesis.called, on=c.hypothesis.on,
-                   visibility=c.visibility, probability=c.probability, status=c.status)
+        return cls.filled(c, kind=c.hypothesis.kind, label=c.hypothesis.called, on=c.hypothesis.on)
 
 
 class HeldOutGap(Part):
