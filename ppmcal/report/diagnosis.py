@@ -153,15 +153,14 @@ def _suspects(r: DiagnosisRecord) -> str:
 
 def _remainder(r: DiagnosisRecord) -> str:
     """Return what is left after all that was named."""
-    rest = r.remainder
-    ratio = number(rest.rms_ratio)
-    which = f"{rest.noise_reference} " if rest.noise_reference else ""
+    ratio = number(r.rms_ratio)
+    which = f"{r.noise_reference} " if r.noise_reference else ""
     text = "" if ratio is None else (
         f"In the rows used, residuals are {sig(ratio)} times the {which}noise "
         f"{'with what is named' if r.effects else 'with geometry alone'}. ")
-    if rest.follows and not r.unknown:      # of an older version: now told with what is missing
-        p = probability(rest.p_value)
-        text += f"What is left follows {rest.follows}" + (f" ({p})." if p else ".")
+    if r.follows and not r.unknown:      # of an older version: now told with what is missing
+        p = probability(r.p_value)
+        text += f"What is left follows {r.follows}" + (f" ({p})." if p else ".")
     elif ratio is not None and not r.unknown:
         text += "What is left follows nothing that was recorded."
     return paragraph(text)

@@ -280,7 +280,7 @@ def confusion(record: DiagnosisRecord) -> Drawing | None:
                      f"{odds_to(value)} : 1") for other, value in pairs]
     all_odds = [o for _, pairs in groups for _, o in pairs]
     high = max([LONG_ODDS] + [min(o, 1e6) for o in all_odds])
-    file, long = record.next_measurements.file, max(all_odds) > LONG_ODDS
+    file, long = record.next_file, max(all_odds) > LONG_ODDS
     return Chart(rows, "log", 0.5, high, "odds for the named effect against the alternative",
                  ratio_ticks(high)).drawing(
         "What these data cannot tell apart",

@@ -132,7 +132,8 @@ def _shown(one: Identified, _: ReportData) -> dict[str, Any]:
         out["residuals"] = {
             "rows": one.residuals.size, "used": int(used(one.residuals).sum()),
             "white_rms": white(one.residuals).rms,
-            "excluded": [e.entries(whole=True) for e in excluded_rows(one)]}
+            "excluded": [{"dataset": e.dataset, "row": e.row, "reason": e.reason}
+                         for e in excluded_rows(one)]}
     return out
 
 

@@ -158,7 +158,7 @@ def _size(one: Identified) -> str:
 def _next(one: Identified, d: DiagnosisRecord | None, state: State, use: Callable[[str], str]
           ) -> Line:
     """Return what to do now; ``use``: with a folder's model, where it is good."""
-    if d is not None and d.next_measurements.file:
+    if d is not None and d.next_file:
         return Line("Next?", "Measure", next_step(d), "warn")
     if one.record.campaign is not None:
         poses = count(one.record.campaign.poses, "more pose")

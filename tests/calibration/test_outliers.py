@@ -24,7 +24,8 @@ from ppmcal.calibration.fit.homing_shift import HomingShift, homing_shifts
 from ppmcal.calibration.fit.outliers import find_gross_errors
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.validation.summary import report
-from ppmcal.io.results.gross_errors import GrossErrorSummary, HomingShiftEntry, row_sentences
+from ppmcal.io.results.gross_errors import GrossErrorSummary, row_sentences, shift_sentence
+from ppmcal.io.results.units import of_joints
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 
@@ -140,8 +141,8 @@ def test_a_zero_that_moved_has_the_interval_of_an_estimated_noise() -> None:
     assert "leg2" in [s.actuator for s in found]
     for shift in found:
         assert shift.half > least * shift.sigma > 1.03 * Z95 * shift.sigma
-        said = HomingShiftEntry.of(replace(shift, half=2.0 * shift.half), mechanism)
-        half = re.search(r"\+- (\S+)", said.sentence())[1]
+        (said,) = of_joints([replace(shift, half=2.0 * shift.half)], mechanism)
+        half = re.search(r"\+- (\S+)", shift_sentence(said))[1]
         assert float(half) == pytest.approx(said.half, rel=0.06)    # two digits
 
 

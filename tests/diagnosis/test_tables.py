@@ -33,7 +33,7 @@ from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_files import effects_csv
 from ppmcal.io.results.diagnosis_parts import (
     DiagnosedEffect,
-    NextMeasurements,
+    SuspectedEffect,
 )
 from ppmcal.io.results.learned_parts import LearnedEntry
 from ppmcal.model.effects import find_effect
@@ -218,7 +218,7 @@ def test_people_are_told_which_of_two_kinds_of_one_name(capsys: pytest.CaptureFi
     own, other = (Hypothesis(k.name, (), True, (), (), (), (), effect=k) for k in (
         kinds["base_compliance about base"], kinds["base_compliance"]))
     named = NamedEffect(own.kind, (), (), 0.9, 0.75, (other.label,), (0.25,), own)
-    suspected = DiagnosedEffect.weak(Candidate(own, 0.2, 0.5, "weak"))
+    suspected = SuspectedEffect.of(Candidate(own, 0.2, 0.5, "weak"))
     machine = SimpleNamespace(units=Units("mm", "deg"), names=(), effects=())
     result = SimpleNamespace(identification=SimpleNamespace(
         mechanism=machine, estimates=(), fit=None))
@@ -309,8 +309,9 @@ def test_amplitude_is_told() -> None:
 @pytest.mark.parametrize("odds", [650000.0, 1.0 / 650000.0])
 def test_odds_before_and_after_are_of_different_things(odds: float) -> None:
     """A lead now, whichever way, and what is left of it at least if the other one is true."""
-    record = DiagnosisRecord(next_measurements=NextMeasurements(
-        reason="65 measurements", file="next.csv", rows=65, odds_before=odds, odds_after=21.0))
+    record = DiagnosisRecord(
+        next_reason="65 measurements", next_file="next.csv", next_rows=65, odds_before=odds,
+        odds_after=21.0)
     step = wording.next_step(record)
     assert "ahead by odds of 650000 to 1 now" in step
     assert "even if it is the other, should be ahead by 21 to 1" in step
@@ -318,8 +319,8 @@ def test_odds_before_and_after_are_of_different_things(odds: float) -> None:
 
 def test_no_odds_are_told_where_there_are_no_two_readings() -> None:
     """Poses for the geometry alone have no rivals behind them: 1 to 1 before and after."""
-    record = DiagnosisRecord(next_measurements=NextMeasurements(
-        reason="4 poses", file="next.csv", rows=4, odds_before=1.0, odds_after=1.0))
+    record = DiagnosisRecord(
+        next_reason="4 poses", next_file="next.csv", next_rows=4, odds_before=1.0, odds_after=1.0)
     assert wording.next_step(record) == "4 poses. They are in next.csv (4 rows)."
 
 

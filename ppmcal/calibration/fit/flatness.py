@@ -17,6 +17,7 @@ from ppmcal import algebra as cga
 from ppmcal import linalg
 from ppmcal.calibration.fit.fit_result import Fit
 from ppmcal.linalg import Array, range_basis, subsample
+from ppmcal.units import Finite, OfUnit
 
 ENOUGH = 16
 """Fewer touches show no shape."""
@@ -36,10 +37,11 @@ class Flat:
     """
 
     dataset: str
-    smooth: float
-    scatter: float
+    smooth: OfUnit[Finite]
+    scatter: OfUnit[Finite]
     degree: int
-    p_value: float
+    p_value: Finite
+    unit: str = "length"
 
 
 def flats(fit: Fit) -> Iterator[Flat]:

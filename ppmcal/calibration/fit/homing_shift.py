@@ -8,7 +8,7 @@ are taken back for the question.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from ppmcal.inference.question import Question
 from ppmcal.inference.sets import posterior
 from ppmcal.linalg import Bools
 from ppmcal.model.sessions import session_masks
+from ppmcal.units import Finite, OfUnit
 
 MANY_OUT = 0.3
 """Rows left out count again where more than this part of their session was."""
@@ -35,15 +36,17 @@ SEEN = 3e-8
 class HomingShift:
     """A joint's zero in one session against the others: ``value`` +- ``sigma``, SI.
 
-    ``half``: of the 95 % interval, the size of the noise not being known exactly.
+    ``half``: of the 95 % interval, the size of the noise not being known exactly;
+    ``unit``: the joint's, once it is said.
     """
 
     session: str
     actuator: str
-    value: float
-    sigma: float
-    half: float
-    probability: float
+    value: OfUnit[Finite]
+    sigma: OfUnit[Finite]
+    unit: str = field(default="", kw_only=True)
+    probability: Finite
+    half: OfUnit[Finite]
 
 
 def homing_shifts(fit: Fit) -> Iterator[HomingShift]:
@@ -63,8 +66,9 @@ def homing_shifts(fit: Fit) -> Iterator[HomingShift]:
     joints = [(label, a) for label, _ in sessions for a in names]
     moved = _moved(rows, joints, len(names))
     if moved:
-        yield from (HomingShift(*joints[c], *found, p) for (c, p), found in zip(
-            moved.items(), _fitted(rows, list(moved)), strict=True))
+        yield from (HomingShift(*joints[c], value, sigma, p, half)
+                    for (c, p), (value, sigma, half) in zip(
+                        moved.items(), _fitted(rows, list(moved)), strict=True))
 
 
 def _moved(rows: AddedColumns, joints: Sequence[tuple[str, str]], each: int) -> dict[int, float]:

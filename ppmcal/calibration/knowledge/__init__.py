@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from ppmcal.calibration.knowledge.extrapolation import measured_by as measured_by
     from ppmcal.calibration.knowledge.extrapolation import measured_ranges as measured_ranges
     from ppmcal.calibration.knowledge.freedom_choice import FreedomChoice as FreedomChoice
+    from ppmcal.calibration.knowledge.freedom_choice import FreedomSet as FreedomSet
     from ppmcal.calibration.knowledge.freedom_choice import choice_sentence as choice_sentence
     from ppmcal.calibration.knowledge.freedom_choice import (
         with_chosen_freedoms as with_chosen_freedoms,

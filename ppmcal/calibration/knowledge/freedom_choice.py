@@ -36,6 +36,7 @@ from ppmcal.inference.priors import WIDE
 from ppmcal.linalg import Array, Ints, reciprocals
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import NOTE, Note
+from ppmcal.units import Finite
 from ppmcal.wording import pluralize
 
 log = logging.getLogger(__package__)
@@ -46,19 +47,21 @@ FEWEST = 3
 
 @dataclass(frozen=True)
 class FreedomSet:
-    """One set of freedoms.
+    """One set of freedoms; its figures are bare.
 
     Attributes:
         adds: parameters that it has beyond the set before, of the first: all.
         missed: rms of left-out rows over their noise, as a fit of the others predicts them.
         behind: by how much its mean square is larger than that of the best, and ``error``, the
             standard error of that; 0 of the best.
+        kept: whether it is in the fit, which a file says of each.
     """
 
     adds: tuple[str, ...]
-    missed: float
-    behind: float
-    error: float
+    missed: Finite
+    behind: Finite
+    error: Finite
+    kept: bool = False
 
 
 @dataclass(frozen=True)

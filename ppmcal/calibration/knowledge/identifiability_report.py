@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Annotated
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from ppmcal.linalg import Array
 from ppmcal.model.limbs.chain import cross_matrix
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import is_joint_component
+from ppmcal.units import Finite, Key
 from ppmcal.wording.progress import stage
 
 SHARE = 0.7
@@ -82,12 +84,12 @@ class Scale:
 
 @dataclass(frozen=True)
 class CollinearParameters:
-    """Two kinds of slot exactly correlated; ``each``: limb by limb, not only all together."""
+    """Two kinds of slot exactly correlated (bare); ``each``: limb by limb, not only together."""
 
-    one: str
-    other: str
-    correlation: float
-    each: bool
+    one: Annotated[str, Key("a")]
+    other: Annotated[str, Key("b")]
+    correlation: Finite
+    each: Annotated[bool, Key("limb_by_limb")]
 
 
 @dataclass(frozen=True)

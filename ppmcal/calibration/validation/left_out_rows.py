@@ -8,7 +8,7 @@ that they have in common.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations, pairwise, product
 
 import numpy as np
@@ -22,6 +22,7 @@ from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
+from ppmcal.units import Angle, Finite, Length, OfUnit
 from ppmcal.wording import pluralize
 from ppmcal.wording.progress import stage
 
@@ -65,14 +66,16 @@ class LeftOut:
 class DoubtfulStretch:
     """A stretch of a joint's travel, SI, in which rows were left out that the model misses.
 
-    ``position``, ``rotation``: rms by which it does, m and rad.
+    ``position``, ``rotation``: rms by which it does, m and rad; ``unit``: the joint's, once it is
+    said.
     """
 
     actuator: str
-    low: float
-    high: float
-    position: float
-    rotation: float
+    low: OfUnit[Finite]
+    high: OfUnit[Finite]
+    unit: str = field(default="", kw_only=True)
+    position: Length[Finite]
+    rotation: Angle[Finite]
 
     def holds(self, joint: Array) -> Bools:
         """Return which values of the joint (N,) are in the stretch."""

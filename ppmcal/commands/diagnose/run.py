@@ -46,7 +46,7 @@ from ppmcal.errors import BadInput, PpmcalError, unknown
 from ppmcal.io.results.batch import CampaignQuantity, effect_quantities, fit_quantities
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_files import files
-from ppmcal.io.results.diagnosis_parts import HeldOutGap, NextMeasurements, ResidualAfter
+from ppmcal.io.results.diagnosis_parts import HeldOutGap
 from ppmcal.io.results.diagnosis_wording import headline
 from ppmcal.io.results.interpretation import misreading_entries
 from ppmcal.model.effects import GEOMETRY, effect_kinds
@@ -200,10 +200,9 @@ def misread_record(refused: InterpretationError, machine: Mechanism, inputs: Seq
     return DiagnosisRecord(
         format=DiagnosisRecord.FORMAT, name=machine.name, verdict="misread",
         misreadings=misreading_entries(refused.found, machine.units), effects=(), localised=(),
-        not_testable=(), remainder=ResidualAfter(follows=None, p_value=None),
+        not_testable=(), follows=None, p_value=None,
         gap=HeldOutGap(noise=1.0, before=None, after=None, closed=None, interval=None),
-        next_measurements=NextMeasurements(reason="Correct how the file is read, then diagnose "
-                                           "again.", file=None),
+        next_reason="Correct how the file is read, then diagnose again.", next_file=None,
         findings=tuple(f"{m.source}: {interpretation_sentence(m, machine.units)}."
                        for m in refused.found), units=machine.units,
         provenance=Provenance(**source_of("diagnose", inputs, seed)))

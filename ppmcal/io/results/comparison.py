@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
 from ppmcal.calibration.fit import half_or
-from ppmcal.calibration.sessions import Change, Comparison, DifferenceNoise, PoseDifference
+from ppmcal.calibration.sessions import Change, Comparison, PoseDifference
 from ppmcal.inference.priors import SURE
 from ppmcal.io import csv_text
-from ppmcal.io.results.parts import ErrorSize
+from ppmcal.io.results.parts import ErrorSize, UncertainValue
 from ppmcal.io.results.record import Finite, Flag, Part, Record, Text, Whole
 from ppmcal.io.results.tables import WrittenTable, finite_number
 from ppmcal.io.results.units import COLUMN, MachineUnits
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.store.provenance import Provenance
-from ppmcal.units import OfUnit
+from ppmcal.units import Key, OfUnit
 from ppmcal.wording import abbreviate_list, pluralize
 
 SHOWN = 4
@@ -67,21 +67,6 @@ class ParameterDifference(Part):
         return (self.wide or 0.0) / (self.sigma or 1.0)
 
 
-class PartOfChange(Part):
-    """One number of a change, in ``unit``; ``half``: of its 95 % interval."""
-
-    name: Text = ""
-    value: OfUnit[Finite | None] = None
-    sigma: OfUnit[Finite | None] = None
-    unit: Text = ""
-    half: OfUnit[Finite | None] = None
-
-    @property
-    def wide(self) -> float | None:
-        """Half of the 95 % interval, None without one."""
-        return half_or(self.half, self.sigma)
-
-
 class NamedChange(Part):
     """One change that the data name, in ``unit``; ``instead``: what explains it as well.
 
@@ -95,40 +80,23 @@ class NamedChange(Part):
     unit: Text = ""
     probability: Finite | None = None
     instead: tuple[Text, ...] = ()
-    parts: tuple[PartOfChange, ...] = ()
+    parts: tuple[UncertainValue, ...] = ()
     half: Finite | None = None
 
     @classmethod
     def of(cls, c: Change, mechanism: Mechanism, times: float) -> NamedChange:
         """Return a change in file units; ``times``: sigmas to an end of the 95 % interval."""
-        parts = [PartOfChange.filled(p, MachineUnits.of(mechanism), unit=COLUMN + p.column,
+        parts = [UncertainValue.filled(p, MachineUnits.of(mechanism), unit=COLUMN + p.column,
                                      half=times * p.sigma) for p in c.parts]
         if len(parts) == 1:
             return cls.filled(parts[0], name=c.name, probability=c.probability, instead=c.instead)
         return cls.filled(c, parts=parts)
 
     @property
-    def numbers(self) -> tuple[PartOfChange, ...]:
+    def numbers(self) -> tuple[UncertainValue, ...]:
         """The numbers of the change, of one number without a name."""
-        return self.parts or (PartOfChange(value=self.value, sigma=self.sigma, unit=self.unit,
+        return self.parts or (UncertainValue(value=self.value, sigma=self.sigma, unit=self.unit,
                                            half=self.half),)
-
-
-class NoiseOfDifference(Part):
-    """Noise of the old and the new data over the stated ones, bare.
-
-    ``alike``: which part of the residuals' square comes back at the same poses, bare too.
-    """
-
-    old: Finite | None = None
-    new: Finite | None = None
-    alike: Finite | None = None
-    same_poses: Flag = False
-
-    @classmethod
-    def of(cls, n: DifferenceNoise) -> NoiseOfDifference:
-        """Return the entry."""
-        return cls.filled(n, alike=1.0 - n.share**2, same_poses=n.same)
 
 
 class PlatformDifference(Part):
@@ -156,6 +124,8 @@ class ComparisonRecord(Record):
 
     ``chi2``, its ``degrees`` and ``p_value`` are bare, and decide nothing; so are the probabilities
     that ``nothing`` has changed, and that something ``unlisted`` has.
+    ``noise_old``, ``noise_new``: of the data over the stated ones, bare; ``alike``: which part of
+    the residuals' square comes back at the same poses, bare too.
     ``fitted_anew``: parameters that only one of the two had free, and both have here.
     ``again``: whether both were fitted to their measurements again, from one point.
     ``verdict``: ``changed``, ``unchanged``, or ``not compared`` for the reason ``why_not``, without
@@ -177,7 +147,10 @@ class ComparisonRecord(Record):
     changes: tuple[NamedChange, ...] = ()
     unlisted: Finite | None = None
     platform: PlatformDifference | None = None
-    noise: NoiseOfDifference | None = None
+    noise_old: Annotated[Finite | None, Key("noise.old")] = None
+    noise_new: Annotated[Finite | None, Key("noise.new")] = None
+    alike: Annotated[Finite | None, Key("noise.alike")] = None
+    same_poses: Annotated[Flag, Key("noise.same_poses")] = False
     parameters: tuple[ParameterDifference, ...] = ()
     findings: tuple[Text, ...] = ()
     provenance: Provenance = Provenance()
@@ -200,7 +173,8 @@ class ComparisonRecord(Record):
                                  for c in found.changes),
                    unlisted=found.unlisted,
                    platform=None if moved is None else PlatformDifference.of(moved, mechanism),
-                   noise=NoiseOfDifference.of(found.noise),
+                   noise_old=found.noise.old, noise_new=found.noise.new,
+                   alike=1.0 - found.noise.share**2, same_poses=found.noise.same,
                    parameters=tuple(_parameters(found, mechanism)), findings=tuple(notes),
                    fitted_anew=tuple(anew), again=again,
                    provenance=Provenance(**provenance))
@@ -277,19 +251,18 @@ def apart_sentence(r: ComparisonRecord) -> str:
 
 def noise_sentence(r: ComparisonRecord) -> str:
     """Return what hides changes: misfit beyond the noise, and whether it is alike in both."""
-    n = r.noise
-    if n is None or n.old is None or n.new is None or n.alike is None:
+    if r.noise_old is None or r.noise_new is None or r.alike is None:
         return ""
     parts = []
-    if n.alike > ALIKE:
-        parts.append(f"{100.0 * n.alike:.0f} % of the model's error is common to both, so it is "
+    if r.alike > ALIKE:
+        parts.append(f"{100.0 * r.alike:.0f} % of the model's error is common to both, so it is "
                      "not a change.")
     times = [f"{v:.3g} times what the files state in the {label} calibration"
-             for label, v in (("old", n.old), ("new", n.new)) if v > HIDING]
+             for label, v in (("old", r.noise_old), ("new", r.noise_new)) if v > HIDING]
     if times:
         parts.append("After the fit the residuals scatter " + " and ".join(times)
                      + ": noise, or model error. The test and every +- "
-                     "here allow for it" + ("." if n.same_poses else
+                     "here allow for it" + ("." if r.same_poses else
                                         "; at the same poses in both, smaller changes would show."))
     return " ".join(parts)
 

@@ -19,8 +19,7 @@ from ppmcal.io.results.campaign import CampaignSummary
 from ppmcal.io.results.diagnosis_parts import (
     DiagnosedEffect,
     HeldOutGap,
-    NextMeasurements,
-    ResidualAfter,
+    SuspectedEffect,
 )
 from ppmcal.io.results.identification_parts import ErrorStages, excluded_rows, summaries
 from ppmcal.io.results.interpretation import MisreadingEntry, misreading_entries
@@ -43,7 +42,10 @@ class DiagnosisRecord(Record):
     ``coverage``: half of a 95 % interval over sigma, for what only noise makes uncertain.
     ``nothing``: probability that geometry is all there is; ``unknown``: what is there without a
     name. ``ratio_before``, ``ratio_after``: rms over the noise without and with the effects, over
-    so many ``rows``; ``serial_correlation``: of the noise from row to row.
+    so many ``rows``; ``serial_correlation``: of the noise from row to row. ``rms_ratio``: what is
+    left over the noise; ``follows``: what the likeliest unknown cause in it looks like, ``known``:
+    probability that there is none; ``p_value``: null. ``next_reason``: what to measure next, with
+    the rivals' odds before and after, or without a ``next_file`` what to do instead.
     """
 
     FILE: ClassVar[str] = OtherModels.FILE
@@ -54,12 +56,17 @@ class DiagnosisRecord(Record):
     verdict: Text = ""
     misreadings: tuple[MisreadingEntry, ...] = ()
     effects: tuple[DiagnosedEffect, ...] = ()
-    suspected: Annotated[tuple[DiagnosedEffect, ...], Key("possible")] = ()
+    suspected: Annotated[tuple[SuspectedEffect, ...], Key("possible")] = ()
     nothing: Shown | None = None
     unknown: tuple[UnknownFound, ...] = ()
     learned: tuple[LearnedEntry, ...] = ()
     residual: ErrorStages = ErrorStages()
-    remainder: ResidualAfter = ResidualAfter()
+    follows: Annotated[Text | None, Key("remainder.follows")] = None
+    p_value: Annotated[Shown | None, Key("remainder.p_value")] = None
+    known: Annotated[Shown | None, Key("remainder.known")] = None
+    rms_ratio: Annotated[Shown | None, Key("remainder.rms_ratio")] = None
+    noise_reference: Annotated[Text, Key("remainder.noise_reference")] = ""
+    noise_ratio: Annotated[Shown | None, Key("remainder.noise_ratio")] = None
     gap: HeldOutGap = HeldOutGap()
     confirmed: Flag | None = None
     predictive: tuple[LeftOutBlocks, ...] = ()
@@ -70,7 +77,11 @@ class DiagnosisRecord(Record):
     localised: tuple[Place, ...] = ()
     not_testable: tuple[Untestable, ...] = ()
     absorbed_by_geometry: Annotated[tuple[Swallowed, ...], Key("swallowed")] = ()
-    next_measurements: NextMeasurements = NextMeasurements()
+    next_reason: Annotated[Text, Key("next_measurements.reason")] = ""
+    next_file: Annotated[Text | None, Key("next_measurements.file")] = None
+    next_rows: Annotated[Whole, Key("next_measurements.rows")] = 0
+    odds_before: Annotated[Shown | None, Key("next_measurements.odds_before")] = None
+    odds_after: Annotated[Shown | None, Key("next_measurements.odds_after")] = None
     excluded: tuple[LeftOutRow, ...] = ()
     findings: tuple[Text, ...] = ()
     campaign: CampaignSummary | None = None
@@ -94,23 +105,21 @@ class DiagnosisRecord(Record):
                 [m for d in fit.problem.datasets for m in plain_mistakes(
                     d, fit.problem.mechanism)], units),
             effects=tuple(DiagnosedEffect.of(result, e) for e in result.effects),
-            suspected=tuple(DiagnosedEffect.weak(c) for c in result.suspected),
+            suspected=tuple(SuspectedEffect.of(c) for c in result.suspected),
             nothing=result.nothing,
             unknown=result.unknown, predictive=result.predictive,
             learned=LearnedEntry.all_of(result),
             residual=_errors(result),
-            remainder=ResidualAfter(
-                follows=left.follows or None, p_value=None, known=left.known,
-                rms_ratio=left.ratio, noise_reference=left.source, noise_ratio=left.reference),
+            follows=left.follows or None, p_value=None, known=left.known, rms_ratio=left.ratio,
+            noise_reference=left.source, noise_ratio=left.reference,
             gap=HeldOutGap.of(result.gap, CHOSEN),
             confirmed=_confirmed(result),
             ratio_before=result.start.ratio, ratio_after=left.ratio,
             rows=sum(int(k.sum()) for k in fit.keep), serial_correlation=noise.rho,
             localised=result.localised, not_testable=result.untestable,
             absorbed_by_geometry=in_units(result.absorbed_by_geometry, units),
-            next_measurements=NextMeasurements(
-                reason=wanted.reason, file="next.csv" if wanted.rows else None, rows=wanted.rows,
-                odds_before=wanted.odds_before, odds_after=wanted.odds_after),
+            next_reason=wanted.reason, next_file="next.csv" if wanted.rows else None,
+            next_rows=wanted.rows, odds_before=wanted.odds_before, odds_after=wanted.odds_after,
             excluded=excluded_rows(fit),
             findings=(*result.identification.mechanism.findings, *result.findings),
             campaign=CampaignSummary.of(result.identification.campaign, units),

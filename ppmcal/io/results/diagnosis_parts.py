@@ -101,9 +101,9 @@ class EffectInSession(Part):
 
 
 class DiagnosedEffect(Part):
-    """An effect that the data name, or what may be there but is too weak for that.
+    """An effect that the data name.
 
-    ``label``: what people call its ``kind``, where kinds of one name differ; ``status``: ``weak``.
+    ``label``: what people call its ``kind``, where kinds of one name differ.
 
     ``probability``: that it is there, and nothing else in its place; ``survival``: the part that
     geometry cannot imitate; ``alternatives``: kinds that the data cannot tell from it,
@@ -132,7 +132,6 @@ class DiagnosedEffect(Part):
     sessions: tuple[EffectInSession, ...] = ()
     same_in_sessions_p: Shown | None = None
     side: Text = ""
-    status: Text = ""
 
     @property
     def called(self) -> str:
@@ -151,25 +150,26 @@ class DiagnosedEffect(Part):
             side=effect.side(result.identification.mechanism),
             **_event(result, effect), **_derived(result, effect))
 
+
+class SuspectedEffect(Part):
+    """Something that may be there but is too weak to be named; ``status``: ``weak``."""
+
+    kind: Text = ""
+    label: Text = ""
+    on: tuple[Text, ...] = ()
+    probability: Shown | None = None
+    visibility: Annotated[Shown | None, Key("survival")] = None
+    status: Text = ""
+
+    @property
+    def called(self) -> str:
+        """What people call it, in files of older versions too."""
+        return self.label or self.kind
+
     @classmethod
-    def weak(cls, c: Candidate) -> DiagnosedEffect:
+    def of(cls, c: Candidate) -> SuspectedEffect:
         """Return a candidate that is not named."""
-        return cls(kind=c.hypothesis.kind, label=c.hypothesis.called, on=c.hypothesis.on,
-                   visibility=c.visibility, probability=c.probability, status=c.status)
-
-
-class ResidualAfter(Part):
-    """What is left: rms over the noise, and what the likeliest unknown cause in it looks like.
-
-    ``known``: probability that there is none; ``p_value``: null.
-    """
-
-    follows: Text | None = None
-    p_value: Shown | None = None
-    known: Shown | None = None
-    rms_ratio: Shown | None = None
-    noise_reference: Text = ""
-    noise_ratio: Shown | None = None
+        return cls.filled(c, kind=c.hypothesis.kind, label=c.hypothesis.called, on=c.hypothesis.on)
 
 
 class HeldOutGap(Part):
@@ -197,19 +197,6 @@ class HeldOutGap(Part):
                        interval=None, poses=0, chose=())
         return cls.filled(gap, noise=1.0, chose=tuple(chose), rms_closed=(
             1.0 - gap.after / gap.before if gap.before else None))
-
-
-class NextMeasurements(Part):
-    """What to measure next; ``rows`` of them in ``file``, with the rivals' odds before and after.
-
-    Without a file the reason says what to do instead.
-    """
-
-    reason: Text = ""
-    file: Text | None = None
-    rows: Whole = 0
-    odds_before: Shown | None = None
-    odds_after: Shown | None = None
 
 
 def _event(result: Diagnosis, effect: NamedEffect) -> dict[str, Any]:

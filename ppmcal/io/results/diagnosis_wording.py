@@ -354,7 +354,7 @@ LOOKS = {"even": "alike on both sides of its middle (an even function)",
 def _look(entry: LearnedEntry) -> str:
     words = [f"{w} (every {number(entry.period, 3)} {entry.input_unit})"
              if w == "repeating" and entry.period else LOOKS.get(w, w) for w in entry.looks]
-    like = [f"{n.effect} (cosine {number(n.cosine, 2)})" for n in entry.near[:1]]
+    like = [f"{n.get('effect', '')} (cosine {number(n.get('cosine'), 2)})" for n in entry.near[:1]]
     return (f"; it looks {', '.join(words)}" if words else "") + (
         f"; nearest in the library: {like[0]}" if like else "")
 
@@ -382,13 +382,12 @@ def confounded(record: DiagnosisRecord) -> str:
 
 def next_step(record: DiagnosisRecord) -> str:
     """Return what to measure next, and what that should settle; empty where it is not said."""
-    wanted = record.next_measurements
-    reason = wanted.reason.rstrip(".")
+    reason = record.next_reason.rstrip(".")
     out = [f"{reason}."] if reason else []
-    if wanted.file:
-        much = f" ({pluralize(wanted.rows, 'row')})" if wanted.rows else ""
-        out.append(f"They are in {wanted.file}{much}.")
-        before, after = finite(wanted.odds_before), finite(wanted.odds_after)
+    if record.next_file:
+        much = f" ({pluralize(record.next_rows, 'row')})" if record.next_rows else ""
+        out.append(f"They are in {record.next_file}{much}.")
+        before, after = finite(record.odds_before), finite(record.odds_after)
         if before and after and (before, after) != (1.0, 1.0):  # else there are no two
             lead = max(before, 1.0 / before)
             out.append(f"The likelier of the two is ahead by odds of {_odds(lead)} to 1 now. With "

@@ -5,17 +5,17 @@ A sentence about an entry in which a number is missing is empty.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import field
 
 from ppmcal.calibration.fit import GrossError, GrossErrors, HomingShift, half_or
 from ppmcal.io.results.parts import LeftOutRow
 from ppmcal.io.results.record import Finite, Part, Text, Whole
-from ppmcal.io.results.units import JOINT, MachineUnits, column_factor, parameter_unit
+from ppmcal.io.results.units import column_factor, of_joints, parameter_unit
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.notes import Note
-from ppmcal.units import OfUnit
 from ppmcal.wording import abbreviate_list
 
 SHOWN = 3
@@ -23,33 +23,14 @@ CHANGED = 3
 ROWS = 8
 
 
-class HomingShiftEntry(Part):
-    """A joint's homing offset in one session against the others; an empty ``unit`` is a bare joint.
-
-    ``probability``: that it shifted.
-    """
-
-    session: Text = ""
-    actuator: Text = ""
-    value: OfUnit[Finite | None] = None
-    sigma: OfUnit[Finite | None] = None
-    unit: Text = ""
-    probability: Finite | None = None
-    half: OfUnit[Finite | None] = None
-
-    @classmethod
-    def of(cls, shift: HomingShift, mechanism: Mechanism) -> HomingShiftEntry:
-        """Return the entry of a shift in file units."""
-        return cls.filled(shift, MachineUnits.of(mechanism), unit=JOINT + shift.actuator)
-
-    def sentence(self) -> str:
-        """Return which joint's homing offset shifted in which session, by how much."""
-        half = half_or(self.half, self.sigma)
-        if self.value is None or half is None or not (self.actuator and self.session):
-            return ""
-        return (f"the homing offset of {self.actuator} shifted in {self.session}: by "
-                f"{self.value:+.4g} +- {half:.2g} {self.unit or 'units'} against the "
-                "others; give that session a file of its own with `homing: per-file`")
+def shift_sentence(shift: HomingShift) -> str:
+    """Return which joint's homing offset shifted in which session, by how much."""
+    half = half_or(shift.half if math.isfinite(shift.half) else None, shift.sigma)
+    if half is None or not (math.isfinite(shift.value + half) and shift.actuator and shift.session):
+        return ""
+    return (f"the homing offset of {shift.actuator} shifted in {shift.session}: by "
+            f"{shift.value:+.4g} +- {half:.2g} {shift.unit or 'units'} against the "
+            "others; give that session a file of its own with `homing: per-file`")
 
 
 class UncheckedRows(Part):
@@ -77,7 +58,7 @@ class GrossErrorSummary(Part):
 
     rows: tuple[LeftOutRow, ...] = ()
     would_be: Mapping[Text, Mapping[Text, Finite | None]] = field(default_factory=dict)
-    homing_shifts: tuple[HomingShiftEntry, ...] = ()
+    homing_shifts: tuple[HomingShift, ...] = ()
     unchecked: tuple[UncheckedRows, ...] = ()
 
     @classmethod
@@ -87,13 +68,12 @@ class GrossErrorSummary(Part):
                    for name, (now, then) in found.would.items()
                    for f in [column_factor(mechanism, name)]}
         return cls(rows=tuple(_left_out(r, mechanism) for r in found.rows), would_be=changed,
-                   homing_shifts=tuple(HomingShiftEntry.of(s, mechanism)
-                                       for s in found.homing_shifts),
+                   homing_shifts=of_joints(found.homing_shifts, mechanism),
                    unchecked=tuple(UncheckedRows(dataset=n, rows=r) for n, r in found.unchecked))
 
     def shift_sentences(self) -> list[Note]:
         """Return one finding for each homing offset that shifted."""
-        return [Note(text) for s in self.homing_shifts if (text := s.sentence())]
+        return [Note(text) for s in self.homing_shifts if (text := shift_sentence(s))]
 
     def unchecked_sentences(self) -> list[str]:
         """Return which rows nothing else checks, one sentence for each data set."""

@@ -5,9 +5,12 @@ A sentence about an entry in which a number is missing is empty.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
-from ppmcal.calibration.fit import Z95, Unidentifiable
+import numpy as np
+
+from ppmcal.calibration.fit import Z95, Flat, Unidentifiable
 from ppmcal.calibration.knowledge import CALIPER, CollinearParameters, Identifiability, Scale
 from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
 from ppmcal.model.mechanism import Mechanism
@@ -20,27 +23,19 @@ EXACT = 0.9995
 """A correlation that is written as 1."""
 
 
-class CollinearPair(Part):
-    """Two kinds of slot that are correlated (bare), limb by limb or all limbs alike."""
+def pair_sentence(pair: CollinearParameters) -> str:
+    """Return which two kinds of parameter act as one."""
+    if not (math.isfinite(pair.correlation) and pair.one and pair.other):
+        return ""
+    how = "limb by limb" if pair.each else "all limbs alike"
+    exactly = "exactly" if abs(pair.correlation) >= EXACT else "almost exactly"
+    return (f"{pair.one} and {pair.other}, {how}, are {exactly} correlated (correlation "
+            f"{pair.correlation:+.3f}); constrained by the prior.")
 
-    a: Text = ""
-    b: Text = ""
-    correlation: Finite | None = None
-    limb_by_limb: Flag = False
 
-    @classmethod
-    def of(cls, pair: CollinearParameters) -> CollinearPair:
-        """Return the entry of a pair."""
-        return cls.filled(pair, a=pair.one, b=pair.other, limb_by_limb=pair.each)
-
-    def sentence(self) -> str:
-        """Return which two kinds of parameter act as one."""
-        if self.correlation is None or not (self.a and self.b):
-            return ""
-        how = "limb by limb" if self.limb_by_limb else "all limbs alike"
-        exactly = "exactly" if abs(self.correlation) >= EXACT else "almost exactly"
-        return (f"{self.a} and {self.b}, {how}, are {exactly} correlated (correlation "
-                f"{self.correlation:+.3f}); constrained by the prior.")
+def strongest(found: Sequence[CollinearParameters]) -> list[CollinearParameters]:
+    """Return pairs by their correlation, those last that a file does not say it of."""
+    return sorted(found, key=lambda p: -abs(float(np.nan_to_num(p.correlation))))
 
 
 class ScaleUncertainty(Part):
@@ -163,59 +158,37 @@ def unidentifiable_words(found: Sequence[UnidentifiableSet]) -> str:
 class IdentifiabilitySummary(Part):
     """What the data cannot identify; ``scale`` is missing where it could not be judged."""
 
-    collinear: tuple[CollinearPair, ...] = ()
+    collinear: tuple[CollinearParameters, ...] = ()
     scale: ScaleUncertainty | None = None
 
     @classmethod
     def of(cls, found: Identifiability, mechanism: Mechanism) -> IdentifiabilitySummary:
         """Return the entry in file units."""
-        pairs = tuple(CollinearPair.of(p) for p in found.collinear)
-        if found.scale is None:
-            return cls(collinear=pairs)
-        return cls(collinear=pairs, scale=ScaleUncertainty.of(found.scale, mechanism.units))
+        scale = {} if found.scale is None else {
+            "scale": ScaleUncertainty.of(found.scale, mechanism.units)}
+        return cls(collinear=found.collinear, **scale)
 
     def sentences(self) -> list[str]:
         """Return what a person should know before believing every digit."""
-        pairs = [s for p in sorted(self.collinear, key=lambda p: -abs(p.correlation or 0.0))
-                 if (s := p.sentence())]
+        pairs = [s for p in strongest(self.collinear) if (s := pair_sentence(p))]
         return list(filter(None, [self.scale.sentence() if self.scale else "", *gathered_pairs(
             self.collinear, pairs)]))
 
 
-def gathered_pairs(found: Sequence[CollinearPair], each: Sequence[str]) -> list[str]:
+def gathered_pairs(found: Sequence[CollinearParameters], each: Sequence[str]) -> list[str]:
     """Return the sentences of pairs, of many one with a count and the strongest."""
     if len(each) <= MOST:
         return list(each)
-    strongest = sorted(found, key=lambda p: -abs(p.correlation or 0.0))
-    names = abbreviate_list([f"{p.a} and {p.b}" for p in strongest],
+    names = abbreviate_list([f"{p.one} and {p.other}" for p in strongest(found)],
                             "identification.json, identifiability", joint="; ")
     return [f"{len(each)} pairs of kinds of parameter are correlated exactly or almost exactly: "
             f"{names}; constrained by the prior."]
 
 
-class FlatShape(Part):
-    """Rms of the residuals of touches, ``unit``: the part smooth over the flat, and the scatter.
-
-    ``degree`` of the polynomial and ``p_value`` of a shape as strong by chance are bare.
-    """
-
-    dataset: Text = ""
-    smooth: OfUnit[Finite | None] = None
-    scatter: OfUnit[Finite | None] = None
-    degree: Whole = 0
-    p_value: Finite | None = None
-    unit: Text = ""
-
-    def sentence(self) -> str:
-        """Return which part of the residuals is smooth over the flat, empty where chance is."""
-        if self.smooth is None or self.scatter is None or self.p_value is None or (
-                self.p_value >= SMOOTH or not self.dataset):
-            return ""
-        return (f"{self.dataset}: {self.smooth:.2g} {self.unit} rms of what is left is smooth "
-                "over the flat: its own shape, or what the model misses; touches scatter "
-                f"{self.scatter:.2g} {self.unit} about it (p = {self.p_value:.1g}).")
-
-
-def flat_sentences(found: Sequence[FlatShape]) -> Iterator[str]:
-    """Yield which parts of the residuals of touches are smooth over the flat."""
-    return filter(None, (f.sentence() for f in found))
+def flat_sentences(found: Sequence[Flat]) -> Iterator[str]:
+    """Yield which parts of the residuals of touches are smooth over the flat, beyond chance."""
+    for f in found:
+        if f.p_value < SMOOTH and f.dataset and math.isfinite(f.smooth + f.scatter):
+            yield (f"{f.dataset}: {f.smooth:.2g} {f.unit} rms of what is left is smooth over the "
+                   "flat: its own shape, or what the model misses; touches scatter "
+                   f"{f.scatter:.2g} {f.unit} about it (p = {f.p_value:.1g}).")

@@ -8,18 +8,17 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ppmcal.calibration.fit import Noise
+from ppmcal.calibration.fit import Flat, Noise
 from ppmcal.calibration.knowledge import FreedomChoice, registered
-from ppmcal.calibration.validation import Dependence, Identification, definition
+from ppmcal.calibration.validation import Dependence, DoubtfulStretch, Identification, definition
 from ppmcal.codec import unsaid
 from ppmcal.io import write_mechanism
 from ppmcal.io.results.campaign import CampaignSummary
 from ppmcal.io.results.gross_errors import GrossErrorSummary
-from ppmcal.io.results.identifiability import FlatShape, IdentifiabilitySummary, UnidentifiableSet
+from ppmcal.io.results.identifiability import IdentifiabilitySummary, UnidentifiableSet
 from ppmcal.io.results.identification_parts import (
     CorrelatedPair,
     CovarianceEntry,
-    DoubtfulPart,
     ErrorStages,
     FittedDataset,
     FreedomChoiceEntry,
@@ -39,7 +38,7 @@ from ppmcal.io.results.identification_tables import (
 from ppmcal.io.results.known_rows import RowsOfTable, rows_behind
 from ppmcal.io.results.parts import LeftOutRow
 from ppmcal.io.results.record import Finite, Flag, Record, Text, Whole
-from ppmcal.io.results.units import Numbers
+from ppmcal.io.results.units import Numbers, of_joints
 from ppmcal.model.registration import Registration
 from ppmcal.store.output import Content
 from ppmcal.store.provenance import Provenance
@@ -84,7 +83,7 @@ class IdentificationRecord(Record):
     noise: Noise = unsaid(Noise)
     observability: Mapping[Text, Finite | None] = field(default_factory=dict)
     correlations: tuple[CorrelatedPair, ...] = ()
-    flats: tuple[FlatShape, ...] = ()
+    flats: tuple[Flat, ...] = ()
     gross_errors: GrossErrorSummary = GrossErrorSummary()
     identifiability: IdentifiabilitySummary = IdentifiabilitySummary()
     excluded: tuple[LeftOutRow, ...] = ()
@@ -92,7 +91,7 @@ class IdentificationRecord(Record):
     datasets: tuple[FittedDataset, ...] = ()
     units: Units = unsaid(Units)
     column_units: Mapping[Text, Mapping[Text, Text]] = field(default_factory=dict)
-    doubtful: tuple[DoubtfulPart, ...] = ()
+    doubtful: tuple[DoubtfulStretch, ...] = ()
     campaign: CampaignSummary | None = None
     freedoms: FreedomChoiceEntry | None = None
     measured_volume: ByCoordinate[Mapping[Text, Numbers]] = field(default_factory=dict)
@@ -124,7 +123,7 @@ class IdentificationRecord(Record):
                 {k: {"rms": v} for k, v in result.unexplained.items()}, units),
             holdout_note=result.holdout_note, noise=result.noise,
             observability=result.observability, correlations=_correlations(result),
-            flats=tuple(FlatShape.filled(f, units, unit="length") for f in result.flats),
+            flats=result.flats,
             gross_errors=GrossErrorSummary.of(result.gross_errors, mechanism),
             identifiability=IdentifiabilitySummary.of(result.identifiability, mechanism),
             excluded=(*excluded_rows(fit), *(
@@ -132,7 +131,7 @@ class IdentificationRecord(Record):
                 for d in fit.problem.datasets for row, reason in d.dropped)),
             findings=(*mechanism.findings, *result.findings),
             datasets=_datasets(result),
-            doubtful=tuple(DoubtfulPart.of(d, mechanism) for d in result.doubtful),
+            doubtful=of_joints(result.doubtful, mechanism),
             campaign=CampaignSummary.of(result.campaign, units),
             freedoms=None if freedoms is None else FreedomChoiceEntry.of(freedoms),
             units=units, column_units=table_units(fit.problem),

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import field, replace
+from typing import Annotated
 
 import numpy as np
 
 from ppmcal.calibration.fit import Fit, data_rows, half_interval, half_or, of_data
-from ppmcal.calibration.knowledge import Considered, Estimate, FreedomChoice
+from ppmcal.calibration.knowledge import Considered, Estimate, FreedomChoice, FreedomSet
 from ppmcal.calibration.sessions import session_knowledge
-from ppmcal.calibration.validation import Dependence, DoubtfulStretch, Identification
+from ppmcal.calibration.validation import Dependence, Identification
 from ppmcal.io.pose_fields import factors
-from ppmcal.io.results.parts import ErrorSize, LeftOutRow
+from ppmcal.io.results.parts import ErrorSize, LeftOutRow, UncertainValue
 from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
 from ppmcal.io.results.session_parts import SessionInformation
 from ppmcal.io.results.units import (
-    JOINT,
-    MachineUnits,
     Numbers,
     column_factor,
     numbers,
@@ -26,20 +25,8 @@ from ppmcal.linalg import Array
 from ppmcal.model.instruments import InstrumentKind
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
-from ppmcal.units import Angle, Length, OfUnit, Units
+from ppmcal.units import Angle, Key, Length, OfUnit, Units
 from ppmcal.wording import number
-
-
-class SessionValue(Part):
-    """A parameter as one session alone gives it, prior included, in the parameter's unit.
-
-    ``half``: of the 95 % interval, by noise.
-    """
-
-    session: Text = ""
-    value: OfUnit[Finite | None] = None
-    sigma: OfUnit[Finite | None] = None
-    half: OfUnit[Finite | None] = None
 
 
 class ParameterEstimate(Part):
@@ -66,7 +53,7 @@ class ParameterEstimate(Part):
     status: Text = ""
     of_tolerance: Finite | None = None
     sigma_sessions: OfUnit[Finite | None] = None
-    sessions: tuple[SessionValue, ...] = ()
+    sessions: tuple[UncertainValue, ...] = ()
     disagree_p: Finite | None = None
     disagree: Flag | None = None
     half_noise: OfUnit[Finite | None] = None
@@ -75,14 +62,14 @@ class ParameterEstimate(Part):
     @classmethod
     def of(cls, e: Estimate, units: Units) -> ParameterEstimate:
         """Return the entry of an estimate in file units."""
-        low, high = e.interval or (None, None)
+        (low, high), f = e.interval or (None, None), units.factor(e.quantity)
         share = None if e.sigma is None or not e.tolerance or not np.isfinite(e.tolerance) else (
             e.sigma / e.tolerance)
         return cls.filled(
             e, units, low=low, high=high, unit=e.quantity + "/unit" * e.per_unit,
             of_tolerance=share, sigma_sessions=None if e.half is None else e.carried,
-            sessions=tuple(SessionValue.filled(None, units, session=label, value=value,
-                                               sigma=sigma, half=half, unit=e.quantity)
+            sessions=tuple(UncertainValue(session=label, value=value / f, sigma=sigma / f,
+                                          half=half / f)
                            for label, value, sigma, half in e.by_session),
             disagree_p=e.p_value, disagree=e.disagree if e.by_session else None,
             half_noise=e.half_by_noise, far=None if e.expected is None else e.far)
@@ -199,17 +186,6 @@ class FittedDataset(Part):
     registration_before: RegistrationEntry | None = None
 
 
-class DataInformation(Part):
-    """What the data alone say of steps of the parameters, file units: |matrix s - right|^2.
-
-    White by the stated noise, as ``inflation`` of the covariance is a factor on that.
-    """
-
-    matrix: tuple[Numbers, ...] = ()
-    right: Numbers = ()
-    unit_of_parameters: Numbers = ()
-
-
 class HeldParameters(Part):
     """Parameters that were held though they may be off by ``sigma``, file units.
 
@@ -232,13 +208,17 @@ class CovarianceEntry(Part):
     """Covariance of all columns in file units, and the points that the frames turn about.
 
     ``prior``: standard deviations, None without; ``inflation``: a bare factor on the noise;
-    ``held``: what was not fitted, which the matrix takes for exact.
+    ``data_matrix``, ``data_right``: what the data alone say of steps of the parameters, |matrix s -
+    right|^2, white by the stated noise, as ``inflation`` is a factor on that; ``held``: what was
+    not fitted, which the matrix takes for exact.
     """
 
     names: tuple[Text, ...] = ()
     prior: Numbers = ()
     inflation: Finite | None = None
-    data: DataInformation | None = None
+    data_matrix: Annotated[tuple[Numbers, ...], Key("data.matrix")] = ()
+    data_right: Annotated[Numbers, Key("data.right")] = ()
+    unit_of_parameters: Annotated[Numbers, Key("data.unit_of_parameters")] = ()
     session: SessionInformation | None = None
     matrix: tuple[Numbers, ...] = ()
     frames_turn_about: Length[Mapping[Text, Numbers]] = field(default_factory=dict)
@@ -251,9 +231,6 @@ class CovarianceEntry(Part):
         f = np.array([column_factor(result.mechanism, n) for n in result.columns])
         count = len(fit.problem.free)
         matrix, right = of_data(*data_rows(fit), count, fit.scale[:count])
-        data = DataInformation(
-            matrix=matrix * f[:count] * fit.noise, right=numbers(right * fit.noise),
-            unit_of_parameters=fit.scale[:count] / f[:count])
         prior = tuple(1.0 / w / u if w > 0.0 else None
                       for w, u in zip(fit.prior.tolist(), f.tolist(), strict=True))
         about = {d.name: o.about
@@ -261,8 +238,10 @@ class CovarianceEntry(Part):
         session = SessionInformation.of(session_knowledge(fit), result.mechanism,
                                         result.columns[:count])
         return cls.filled(
-            None, units, names=result.columns, prior=prior, inflation=fit.noise, data=data,
-            session=session, matrix=result.covariance / np.outer(f, f), frames_turn_about=about,
+            None, units, names=result.columns, prior=prior, inflation=fit.noise,
+            data_matrix=matrix * f[:count] * fit.noise, data_right=right * fit.noise,
+            unit_of_parameters=fit.scale[:count] / f[:count], session=session,
+            matrix=result.covariance / np.outer(f, f), frames_turn_about=about,
             held=HeldParameters.of(kept, result.mechanism, f) if kept and kept.names else None)
 
 
@@ -274,44 +253,14 @@ def summaries(values: Mapping[str, Mapping[str, float]], units: Units
         for name, parts in values.items()}
 
 
-class FreedomSetEntry(Part):
-    """A set of freedoms; ``adds``: parameters beyond the set before.
-
-    ``missed``: rms of left-out rows over their noise, bare; ``behind``: mean square less that of
-    the best set, and ``error``, the standard error of that, both bare; ``kept``: in the fit.
-    """
-
-    adds: tuple[Text, ...] = ()
-    missed: Finite | None = None
-    behind: Finite | None = None
-    error: Finite | None = None
-    kept: Flag = False
-
-
 class FreedomChoiceEntry(Part):
     """Nested sets of freedoms, smallest first, as they predict ``blocks`` left out in turn."""
 
     blocks: Whole = 0
-    sets: tuple[FreedomSetEntry, ...] = ()
+    sets: tuple[FreedomSet, ...] = ()
 
     @classmethod
     def of(cls, found: FreedomChoice) -> FreedomChoiceEntry:
         """Return the entry; all figures are bare."""
         return cls(blocks=found.blocks, sets=tuple(
-            FreedomSetEntry.filled(s, kept=n <= found.kept) for n, s in enumerate(found.sets)))
-
-
-class DoubtfulPart(Part):
-    """A stretch of a joint's travel, ``unit``, and what the model misses there, ``units``."""
-
-    actuator: Text = ""
-    low: OfUnit[Finite | None] = None
-    high: OfUnit[Finite | None] = None
-    unit: Text = ""
-    position: Length[Finite | None] = None
-    rotation: Angle[Finite | None] = None
-
-    @classmethod
-    def of(cls, found: DoubtfulStretch, mechanism: Mechanism) -> DoubtfulPart:
-        """Return the part in file units."""
-        return cls.filled(found, MachineUnits.of(mechanism), unit=JOINT + found.actuator)
+            replace(s, kept=n <= found.kept) for n, s in enumerate(found.sets)))

@@ -19,7 +19,6 @@ from ppmcal.io.pose_fields import factors
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import (
     CovarianceEntry,
-    DoubtfulPart,
     FittedDataset,
     HeldParameters,
 )
@@ -104,17 +103,17 @@ def read_basis(path: Path) -> MeasurementBasis:
                             converged=None if record.method == "damped" else record.converged)
 
 
-def _doubtful(part: DoubtfulPart, mechanism: Mechanism, units: Units, path: Path
+def _doubtful(part: DoubtfulStretch, mechanism: Mechanism, units: Units, path: Path
               ) -> DoubtfulStretch:
     """Return a doubtful stretch in SI."""
     if part.actuator not in mechanism.actuators:
         raise BadInput(f"belongs to another machine: it has a joint '{part.actuator}'", str(path),
                        "Keep MODEL and its identification.json together")
     factor = mechanism.joint_units[mechanism.actuators.index(part.actuator)][0]
-    return DoubtfulStretch(
-        part.actuator, factor * (part.low or 0.0), factor * (part.high or 0.0),
-        units.factor("length") * (part.position or 0.0),
-        units.factor("angle") * (part.rotation or 0.0))
+    low, high, position, rotation = np.nan_to_num(
+        [part.low, part.high, part.position, part.rotation]).tolist()
+    return DoubtfulStretch(part.actuator, factor * low, factor * high,
+                           units.factor("length") * position, units.factor("angle") * rotation)
 
 
 def read_posterior(path: Path, mechanism: Mechanism) -> Posterior:
@@ -126,7 +125,7 @@ def read_posterior(path: Path, mechanism: Mechanism) -> Posterior:
     record = read_identification(path, AGAIN)
     units = _units(record, path)
     try:
-        covariance = _part(record.covariance, "names", "prior", "data", "inflation")
+        covariance = _part(record.covariance, "names", "prior", "inflation")
         names = [n for n in covariance.names if " of " not in n]
         known = _information(covariance, len(names))
         value = _values(record, names)
@@ -295,10 +294,10 @@ class _Information:
 
 def _information(entry: CovarianceEntry, count: int) -> _Information:
     """Return what the data alone say, file units."""
-    data = _part(entry.data, "matrix", "right", "unit_of_parameters")
-    right = _finite(data.right, len(data.right))
-    matrix = _matrix(data.matrix, right.size, count)
-    scale = _finite(data.unit_of_parameters, count)
+    _part(entry, "data_matrix", "data_right", "unit_of_parameters")
+    right = _finite(entry.data_right, len(entry.data_right))
+    matrix = _matrix(entry.data_matrix, right.size, count)
+    scale = _finite(entry.unit_of_parameters, count)
     tolerance = _numbers(entry.prior[:count], count)
     tolerance[np.isnan(tolerance)] = np.inf
     inflation = entry.inflation or 0.0

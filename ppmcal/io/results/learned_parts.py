@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from ppmcal.diagnosis.learned_shapes import LearnedShape, shapes
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.io.results.diagnosis_parts import HeldOutGap
 from ppmcal.io.results.learned_equation import LearnedEquation
-from ppmcal.io.results.record import Part, Shown, Text
+from ppmcal.io.results.record import Part, PlainCell, Shown, Text
 from ppmcal.linalg import Array
 from ppmcal.model.effects.learned import INPUTS, JOINT
 from ppmcal.model.effects.learned_curve import si_factor
@@ -18,13 +19,6 @@ from ppmcal.units import OfUnit, Quantity, Units
 
 DRAWN = 600
 Curve = Annotated[tuple[Shown | None, ...], Quantity(of="unit", digits=6)]
-
-
-class NearKind(Part):
-    """A kind of effect that does nearly the same: the cosine of what geometry leaves of both."""
-
-    effect: Text = ""
-    cosine: Shown | None = None
 
 
 class LearnedEntry(Part):
@@ -38,6 +32,7 @@ class LearnedEntry(Part):
     ``partial``: what single rows say of it. Of two inputs ``by`` is the second one, known from
     ``by_low`` to ``by_high``, and the curves are those at its ``by_ends``: ``other`` at the first,
     ``value`` at the last. ``equation``: short, where one does as well.
+    ``near``: kinds of effect that do nearly the same: the cosine of what geometry leaves of both.
     """
 
     input: Text = ""
@@ -56,7 +51,7 @@ class LearnedEntry(Part):
     gap: HeldOutGap = HeldOutGap()
     looks: tuple[Text, ...] = ()
     period: Shown | None = None
-    near: tuple[NearKind, ...] = ()
+    near: tuple[Mapping[Text, PlainCell], ...] = ()
     x: tuple[Shown | None, ...] = ()
     value: Curve = ()
     sigma: Curve = ()
@@ -88,7 +83,7 @@ class LearnedEntry(Part):
             unit=curve.quantity,
             low=curve.nodes[0] / per + zero, high=curve.nodes[-1] / per + zero, gap=gap,
             period=None if s.period is None else s.period / per,
-            near=tuple(NearKind(effect=label, cosine=c) for label, c in s.near),
+            near=tuple({"effect": label, "cosine": c} for label, c in s.near),
             x=_rounded(s.x / per + zero), at=_rounded(s.at[some] / per + zero),
             partial=s.partial[some],
             equation=LearnedEquation.of(s.equation, where, units) if s.equation else None)

@@ -5,6 +5,7 @@ Keys that a file does not use are not written.
 
 from __future__ import annotations
 
+from ppmcal.calibration.fit import half_or
 from ppmcal.io.results.record import Finite, Part, Text, Whole
 from ppmcal.units import OfUnit
 from ppmcal.wording import number
@@ -37,6 +38,25 @@ class ErrorSize(Part):
     max: OfUnit[Finite | None] = None
     by_chance: OfUnit[Finite | None] = None
     unit: Text = ""
+
+
+class UncertainValue(Part):
+    """A number with its standard deviation, in ``unit``; ``half``: of its 95 % interval, by noise.
+
+    ``session``: the one that it is by alone, prior included.
+    """
+
+    name: Text = ""
+    session: Text = ""
+    value: OfUnit[Finite | None] = None
+    sigma: OfUnit[Finite | None] = None
+    unit: Text = ""
+    half: OfUnit[Finite | None] = None
+
+    @property
+    def wide(self) -> float | None:
+        """Half of the 95 % interval, None without one."""
+        return half_or(self.half, self.sigma)
 
 
 class ErrorChange(Part):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import field
 from functools import partial
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 
@@ -30,7 +30,7 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.plotting.map_data import Map
 from ppmcal.store.provenance import Provenance
-from ppmcal.units import ByCoordinate, Length, OfUnit
+from ppmcal.units import ByCoordinate, Key, Length, OfUnit
 
 Row = tuple[Shown | None, ...]
 
@@ -66,53 +66,11 @@ class HomeMatrix(Part):
     units: Text = ""
 
 
-class HomeStiffness(Part):
-    """All numbers at home; lengths and angles in the machine's units."""
-
-    pose: ByCoordinate[Mapping[str, Shown | None]] = field(default_factory=dict)
-    status: Text = ""
-    tool: Length[tuple[Shown, ...]] = ()
-    translational: PrincipalStiffness = PrincipalStiffness()
-    rotational: PrincipalStiffness = PrincipalStiffness()
-    compliance: HomeMatrix = HomeMatrix()
-    stiffness: HomeMatrix = HomeMatrix()
-    load: AppliedLoad | None = None
-    deflection: ByCoordinate[Mapping[str, Shown | None] | None] = None
-    forces: Mapping[str, Shown | None] | None = None
-    forces_without_load: Mapping[str, Shown | None] | None = None
-
-    @classmethod
-    def of(cls, study: StiffnessStudy) -> Self:
-        """Return what was found at home in file units."""
-        mechanism, found = study.mechanism, study.home.compliance
-        units, dof = mechanism.units, list(mechanism.dof)
-        factor = factors(units)[dof]
-        names = tuple(POSE_COORDINATES[c] for c in dof)
-        loads = tuple(WRENCH[c] for c in dof)
-        compliance, stiffness = found.matrix[0] / factor[:, None], found.stiffness[0] * factor
-        loaded: dict[str, Any] = {}
-        if study.load is not None:
-            moved = study.home.deflection(study.load.wrench)[dof]
-            loaded = {"load": study.load, "deflection": dict(zip(names, moved, strict=True))}
-        held = study.home.held
-        for key, force in (() if held is None else (
-                ("forces", held.loaded), ("forces_without_load", held.idle))):
-            if force is not None:
-                loaded[key] = dict(zip(study.conditions, force[0], strict=True))
-        return cls.filled(
-            None, units, pose=dict(zip(names, study.home.pose[dof], strict=True)),
-            status=study.home.status, tool=study.tool,
-            translational=PrincipalStiffness.of(mechanism, found.translational(), "N/length"),
-            rotational=PrincipalStiffness.of(mechanism, found.rotational(), "N.m/angle"),
-            compliance=HomeMatrix(rows=names, columns=loads, matrix=compliance.tolist(),
-                                  units="rows in the units of the pose, per N or N m"),
-            stiffness=HomeMatrix(
-                rows=loads, columns=names, units="N or N m, per unit of the pose",
-                matrix=stiffness.tolist() if np.isfinite(stiffness).all() else None), **loaded)
-
-
 class StiffnessRecord(AnalysisRecord):
-    """stiffness.json; ``units``: of the columns of map.csv, by name."""
+    """stiffness.json; ``units``: of the columns of map.csv, by name.
+
+    ``pose`` to ``forces_without_load`` are at home, lengths and angles in the machine's units.
+    """
 
     FILE: ClassVar[str] = "stiffness.json"
     FORMAT: ClassVar[str] = "ppmcal/stiffness/1"
@@ -121,7 +79,20 @@ class StiffnessRecord(AnalysisRecord):
 
     pictures: Mapping[str, Text] | None = None
     tables: tuple[ShownTable, ...] = ()
-    home: HomeStiffness = HomeStiffness()
+    pose: Annotated[ByCoordinate[Mapping[str, Shown | None]], Key("home.pose")] = field(
+        default_factory=dict)
+    status_at_home: Annotated[Text, Key("home.status")] = ""
+    tool: Annotated[Length[tuple[Shown, ...]], Key("home.tool")] = ()
+    translational: Annotated[PrincipalStiffness, Key("home.translational")] = PrincipalStiffness()
+    rotational: Annotated[PrincipalStiffness, Key("home.rotational")] = PrincipalStiffness()
+    compliance: Annotated[HomeMatrix, Key("home.compliance")] = HomeMatrix()
+    stiffness: Annotated[HomeMatrix, Key("home.stiffness")] = HomeMatrix()
+    load: Annotated[AppliedLoad | None, Key("home.load")] = None
+    deflection: Annotated[ByCoordinate[Mapping[str, Shown | None] | None],
+                          Key("home.deflection")] = None
+    forces: Annotated[Mapping[str, Shown | None] | None, Key("home.forces")] = None
+    forces_without_load: Annotated[Mapping[str, Shown | None] | None,
+                                   Key("home.forces_without_load")] = None
     poses: Whole = 0
     status: Mapping[str, Whole] = field(default_factory=dict)
     provenance: Provenance = Provenance()
@@ -132,12 +103,14 @@ class StiffnessRecord(AnalysisRecord):
         mechanism, status = study.mechanism, study.found.table.status
         units = {**unit_map(mechanism, mechanism.coordinates),
                  **{m.name: m.unit for m in maps(study)}}
-        return cls(format=cls.FORMAT, name=mechanism.name, summary=tuple(sentences(study)),
+        return cls.filled(
+                   None, mechanism.units, format=cls.FORMAT, name=mechanism.name,
+                   summary=tuple(sentences(study)),
                    units=units, findings=tuple(findings(study)),
                    pictures={f"map_{m.name}.png": f"{m.title}, {m.unit}." for m in plotted(study)},
                    tables=tuple(t for t in (
                        share_table(study), force_table(study), principal_table(study)) if t.rows),
-                   home=HomeStiffness.of(study), poses=len(status),
+                   **_at_home(study), poses=len(status),
                    status={s: status.count(s) for s in sorted(set(status))},
                    provenance=Provenance(**provenance))
 
@@ -149,6 +122,35 @@ class StiffnessRecord(AnalysisRecord):
         return {"map.csv": map_table(study.mechanism, pose, maps(study), table.status,
                                      table.reason),
                 self.FILE: self.text(), **pictures(study)}
+
+
+def _at_home(study: StiffnessStudy) -> dict[str, Any]:
+    """Return what was found at home, as fields of the record."""
+    mechanism, found = study.mechanism, study.home.compliance
+    units, dof = mechanism.units, list(mechanism.dof)
+    factor = factors(units)[dof]
+    names = tuple(POSE_COORDINATES[c] for c in dof)
+    loads = tuple(WRENCH[c] for c in dof)
+    compliance, stiffness = found.matrix[0] / factor[:, None], found.stiffness[0] * factor
+    loaded: dict[str, Any] = {}
+    if study.load is not None:
+        moved = study.home.deflection(study.load.wrench)[dof]
+        loaded = {"load": study.load, "deflection": dict(zip(names, moved, strict=True))}
+    held = study.home.held
+    for key, force in (() if held is None else (
+            ("forces", held.loaded), ("forces_without_load", held.idle))):
+        if force is not None:
+            loaded[key] = dict(zip(study.conditions, force[0], strict=True))
+    return dict(
+        pose=dict(zip(names, study.home.pose[dof], strict=True)),
+        status_at_home=study.home.status, tool=study.tool,
+        translational=PrincipalStiffness.of(mechanism, found.translational(), "N/length"),
+        rotational=PrincipalStiffness.of(mechanism, found.rotational(), "N.m/angle"),
+        compliance=HomeMatrix(rows=names, columns=loads, matrix=compliance.tolist(),
+                              units="rows in the units of the pose, per N or N m"),
+        stiffness=HomeMatrix(
+            rows=loads, columns=names, units="N or N m, per unit of the pose",
+            matrix=stiffness.tolist() if np.isfinite(stiffness).all() else None), **loaded)
 
 
 def plotted(study: StiffnessStudy) -> list[Map]:

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
+from ppmcal.calibration.fit import HomingShift
+from ppmcal.calibration.validation import DoubtfulStretch
+from ppmcal.codec import in_units
 from ppmcal.io.results.record import Finite
 from ppmcal.linalg import Array
 from ppmcal.model.effects import effect_kinds
@@ -37,6 +42,15 @@ class MachineUnits(Units):
         """Return the name of the unit, empty for a bare number."""
         column = quantity.removeprefix(COLUMN)
         return super().name(quantity) if column == quantity else column_unit(self.mechanism, column)
+
+
+J = TypeVar("J", HomingShift, DoubtfulStretch)
+
+
+def of_joints(found: Iterable[J], mechanism: Mechanism) -> tuple[J, ...]:
+    """Return findings about joints in file units, each in its joint's."""
+    units = MachineUnits.of(mechanism)
+    return tuple(in_units(replace(f, unit=JOINT + f.actuator), units) for f in found)
 
 
 def numbers(values: Array) -> Numbers:
