@@ -17,7 +17,7 @@ from ppmcal.errors import BadInput, unknown
 from ppmcal.io import read_campaign, read_mechanism
 from ppmcal.io.dataset_reader import dataset_of, joined, may_be_words, read_files
 from ppmcal.io.frames import as_table, is_path
-from ppmcal.io.read_block import ReadFile
+from ppmcal.io.header import ReadFile
 from ppmcal.io.sidecar import read_sidecar, sidecar_of, sidecar_path
 from ppmcal.io.tables import read_table
 from ppmcal.io.templates import find_template

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from difflib import get_close_matches
 
 from ppmcal.errors import BadInput
-from ppmcal.io.csv_numbers import is_float
+from ppmcal.io.csv_dialect import is_float
 from ppmcal.io.pose_fields import COORDINATES, QUATERNION
 from ppmcal.io.schema import did_you_mean
 from ppmcal.model.dataset import WRENCH

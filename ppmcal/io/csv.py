@@ -16,8 +16,7 @@ import numpy as np
 
 from ppmcal.errors import BadInput
 from ppmcal.io.csv_body import Cells, read_body
-from ppmcal.io.csv_dialect import Dialect, declared, separator_of
-from ppmcal.io.csv_numbers import PLAIN
+from ppmcal.io.csv_dialect import PLAIN, Dialect, declared, separator_of
 from ppmcal.limits import TABLE_COLUMNS, refuse_long_lines, refuse_shape
 from ppmcal.linalg import Array, Bools
 from ppmcal.wording import pluralize, row_list

@@ -17,10 +17,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.io.csv_dialect import Dialect, decimal_of, marks_of_cells, one_mark
-from ppmcal.io.csv_numbers import (
+from ppmcal.io.csv_dialect import (
+    Dialect,
     cell_edges,
+    decimal_of,
     is_number,
+    marks_of_cells,
+    one_mark,
     parse,
     plain_column,
     without_columns,

@@ -1,22 +1,32 @@
-"""How a CSV is written: what separates its columns, and the mark in its decimal numbers.
+"""How a CSV is written, and its plain numbers, parsed many at a time.
 
-Spreadsheets in much of Europe write decimal commas, and then semicolons or tabs between columns.
-Where commas separate the columns, a decimal comma cannot be told from the next cell: such a file
-is refused.
+What separates the columns, and the mark in decimal numbers: spreadsheets in much of Europe write
+decimal commas, and then semicolons or tabs between columns. Where commas separate the columns, a
+decimal comma cannot be told from the next cell: such a file is refused.
 """
 
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+from pydantic_core import from_json
+
 from ppmcal.errors import BadInput
+from ppmcal.linalg import Array
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "spaces"}
 _QUOTED = re.compile(r'"[^"]*"')
 _DECLARED = re.compile(rb"\A\"?sep=([,;\t])\"?\n")
 ONE_MARK = "Save it with one decimal mark, and with nothing between thousands"
+_NUMERIC = b"0123456789+-.,eE\nnaN "
+PLAIN = re.compile(r"[-+]?(\d+(?:\.\d*)?|\.\d+)([eE][-+]?\d+)?|nan|NaN|NAN|[-+]?(inf|Inf|INF)",
+                   re.ASCII)
+"""What counts as a number in a cell."""
 
 
 @dataclass(frozen=True)
@@ -113,3 +123,158 @@ def one_mark(first: Mapping[str, str], source: str) -> str:
         raise BadInput(f"the numbers have decimal points in {first['.']} and commas in "
                        f"{first[',']}", source, ONE_MARK)
     return next(iter(first), ".")
+
+
+# ---- plain numbers
+
+
+def is_number(cell: str, dialect: Dialect) -> bool:
+    """Return whether a stripped cell is a number or empty."""
+    if dialect.decimal == ",":
+        cell = cell.replace(",", ".")
+    return not cell or PLAIN.fullmatch(cell) is not None
+
+
+def is_float(cell: str) -> bool:
+    """Whether Python takes a word for a number, in whatever spelling."""
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def plain_column(cells: tuple[str, ...], dialect: Dialect) -> Array | None:
+    """Return stripped cells as numbers (n,), nan where empty; None where one of them is not plain.
+
+    None says nothing yet: a cell may be a number in a spelling that only :func:`is_number` knows.
+    """
+    flat = ",".join(cells) if dialect.decimal == "." else ";".join(cells)
+    if not flat.isascii():
+        return None
+    raw = flat.encode("ascii")
+    if dialect.decimal != ".":
+        raw = raw.translate(bytes.maketrans(b",;", b".,"))
+    if raw.count(b",") != len(cells) - 1 or b"\n" in raw or raw.translate(None, _NUMERIC):
+        return None
+    return _numbers(_filled(raw).replace(b"nan", b"NaN"), len(cells))
+
+
+def parse(chunk: bytes, width: int) -> Array | None:
+    """Return the numbers (n, width) of whole lines, None where they are not plain."""
+    if chunk.translate(None, _NUMERIC):
+        return None
+    if b" " in chunk:    # a cell of spaces is empty; NumPy takes it for -1
+        chunk = _unspaced(chunk)
+    if not _rectangular(chunk, width):
+        return None
+    chunk = _filled(chunk)
+    block = _numbers(chunk.replace(b"nan", b"NaN").replace(b"\n", b","))
+    return None if block is None or block.size % width else block.reshape(-1, width)
+
+
+def _unspaced(chunk: bytes) -> bytes:
+    """Take out spaces around cells; a run of them within a cell shrinks to one."""
+    while b"  " in chunk:    # half as many each time; a pattern would begin at every space
+        chunk = chunk.replace(b"  ", b" ")
+    for mark in (b",", b"\n"):
+        chunk = chunk.replace(b" " + mark, mark).replace(mark + b" ", mark)
+    return chunk.strip(b" ")
+
+
+def _numbers(flat: bytes, size: int | None = None) -> Array | None:
+    """Return numbers separated by commas, as many as there are cells, else None."""
+    numbers = _as_json(flat)
+    if numbers is None:
+        numbers = _as_numbers(flat)
+    size = flat.count(b",") + 1 if size is None else size
+    return None if numbers is None or numbers.shape != (size,) else numbers
+
+
+def _as_json(flat: bytes) -> Array | None:
+    """Parse numbers as a JSON list: four times as fast as NumPy, correctly rounded."""
+    try:
+        return np.array(from_json(b"[" + flat + b"]"), dtype=float)
+    except (ValueError, OverflowError, TypeError):
+        return None
+
+
+def _as_numbers(flat: bytes) -> Array | None:
+    """Parse numbers that JSON does not know, such as +1, 01 and .5."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            return np.fromstring(flat.decode("ascii"), dtype=float, sep=",")
+        except (ValueError, DeprecationWarning):
+            return None
+
+
+def cell_edges(chunk: bytes, width: int, separator: str) -> NDArray[np.int64] | None:
+    """Return where the marks around the cells of whole lines stand (n, width + 1).
+
+    None where the lines are ragged.
+    """
+    raw = np.frombuffer(chunk, dtype=np.uint8)
+    ends = np.append(np.flatnonzero(raw == 10), raw.size)
+    marks = np.flatnonzero(raw == ord(separator))
+    if marks.size != ends.size * (width - 1):
+        return None
+    edges = np.column_stack([np.concatenate([[-1], ends[:-1]]), marks.reshape(ends.size, width - 1),
+                             ends])
+    return None if np.any(np.diff(edges, axis=1) < 1) else edges
+
+
+def words_of(chunk: bytes, edges: NDArray[np.int64], column: int) -> tuple[str, ...]:
+    """Return one column's cells, stripped; ``edges``: of :func:`cell_edges`."""
+    starts, stops = (edges[:, column] + 1).tolist(), edges[:, column + 1].tolist()
+    cells = [chunk[a:b] for a, b in zip(starts, stops, strict=True)]
+    known = {cell: cell.decode("utf-8").strip() for cell in set(cells)}    # most stand often
+    return tuple([known[cell] for cell in cells])
+
+
+def without_columns(chunk: bytes, edges: NDArray[np.int64], among: Sequence[int]) -> bytes:
+    """Return whole lines with zeros in every cell of some columns."""
+    raw = np.frombuffer(chunk, dtype=np.uint8)
+    inside = np.zeros(raw.size + 1, dtype=np.int8)
+    out = raw.copy()
+    for i in among:
+        starts, stops = edges[:, i] + 1, edges[:, i + 1]
+        full = stops > starts
+        inside[starts[full]] += 1
+        inside[stops[full]] -= 1
+    # 0, 10, 0.0, 0.00, ...: a number of any length
+    out[np.cumsum(inside[:-1], dtype=np.int8) > 0] = ord("0")
+    for i in among:
+        starts, size = edges[:, i] + 1, edges[:, i + 1] - edges[:, i] - 1
+        out[starts[size == 2]] = ord("1")
+        out[starts[size > 2] + 1] = ord(".")
+    return out.tobytes()
+
+
+def _rectangular(chunk: bytes, width: int) -> bool:
+    """Whether every line has ``width`` cells and none is blank."""
+    raw = np.frombuffer(chunk, dtype=np.uint8)
+    ends = np.append(np.flatnonzero(raw == 10), raw.size)
+    commas = np.flatnonzero(raw == 44)
+    if commas.size != ends.size * (width - 1):
+        return False
+    starts = np.concatenate([[0], ends[:-1] + 1])
+    if np.any(ends <= starts):
+        return False
+    if width == 1:
+        return True
+    grid = commas.reshape(ends.size, width - 1)
+    return bool(np.all(grid[:, -1] < ends) and np.all(grid[:, 0] >= starts))
+
+
+def _filled(chunk: bytes) -> bytes:
+    """Write NaN into empty cells."""
+    if not (b",," in chunk or b",\n" in chunk or b"\n," in chunk or chunk[:1] in (b",", b"")
+            or chunk[-1:] == b","):
+        return chunk
+    for _ in range(2):
+        chunk = chunk.replace(b",,", b",NaN,")
+    chunk = chunk.replace(b"\n,", b"\nNaN,").replace(b",\n", b",NaN\n")
+    if chunk[:1] in (b",", b""):
+        chunk = b"NaN" + chunk
+    return chunk + b"NaN" if chunk[-1:] == b"," else chunk

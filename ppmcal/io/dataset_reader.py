@@ -24,7 +24,7 @@ from ppmcal.errors import BadInput, unknown
 from ppmcal.io import column_names as names
 from ppmcal.io.clock import clock_of_words
 from ppmcal.io.csv import Table, remark_table
-from ppmcal.io.header import bare_name, declared, header_columns, named
+from ppmcal.io.header import MATRIX, ReadFile, bare_name, declared, header_columns, named
 from ppmcal.io.measurement_columns import (
     further_columns,
     joint_values,
@@ -32,7 +32,6 @@ from ppmcal.io.measurement_columns import (
     second_joints,
 )
 from ppmcal.io.noise_limits import refuse_noise
-from ppmcal.io.read_block import MATRIX, ReadFile
 from ppmcal.io.reading import in_conventions, in_units
 from ppmcal.io.sidecar import (
     SidecarFile,

@@ -11,7 +11,18 @@ import numpy as np
 from pydantic import BeforeValidator, ConfigDict, Field
 
 from ppmcal.errors import BadInput, refuse_unknown
-from ppmcal.io.schema import Flag, Label, Number, Sigma, Strict, check, is_number, refuse, show
+from ppmcal.io.schema import (
+    Flag,
+    Label,
+    Number,
+    Sigma,
+    Strict,
+    check,
+    is_number,
+    refuse,
+    show,
+    times,
+)
 from ppmcal.io.yaml import to_file
 from ppmcal.model.effects import (
     GEOMETRY,
@@ -108,8 +119,7 @@ def with_effects(mechanism: Mechanism, raw: object, units: Units, source: str) -
     """
     if raw is None or raw == []:
         return mechanism
-    machine = Machine(mechanism.motion, mechanism.actuators, mechanism.actuator_quantity, units,
-                      source)
+    machine = _machine(mechanism, units, source)
     if not isinstance(raw, list):
         raise BadInput(f"{show(raw)} is not a list of effects", f"{source}: effects",
                        "Write [{kind: backlash, on: [leg1], parameters: {width: 0.02}}]")
@@ -117,6 +127,15 @@ def with_effects(mechanism: Mechanism, raw: object, units: Units, source: str) -
     for i, one in enumerate(file.effects):
         place = f"{source}: effects[{i + 1}]"
         mechanism = (_geometry if one.kind == GEOMETRY else _added)(mechanism, one, machine, place)
+    return _with_free(mechanism)
+
+
+def _machine(mechanism: Mechanism, units: Units, source: str) -> Machine:
+    return Machine(mechanism.motion, mechanism.actuators, mechanism.actuator_quantity, units,
+                   source)
+
+
+def _with_free(mechanism: Mechanism) -> Mechanism:
     return replace(mechanism, free=tuple(free_indices(mechanism.parameters,
                                                       mechanism.free_patterns)))
 
@@ -142,9 +161,7 @@ def with_limb_entries(mechanism: Mechanism, limbs: Sequence[Mapping[Any, Any]], 
     Raises:
         BadInput: as :func:`with_effects`.
     """
-    machine = Machine(mechanism.motion, mechanism.actuators, mechanism.actuator_quantity, units,
-                      source)
-    before = mechanism
+    machine, before = _machine(mechanism, units, source), mechanism
     for limb, raw in zip(mechanism.limbs, limbs, strict=True):
         own = {name: raw[name] for name in limb_entries(limb.kind) if raw.get(name) is not None}
         if own:
@@ -153,10 +170,7 @@ def with_limb_entries(mechanism: Mechanism, limbs: Sequence[Mapping[Any, Any]], 
                 "kind": limb.kind.effect, "on": [mechanism.actuators[limb.actuator]],
                 "parameters": own}, source, prefix=f"limbs.{limb.name}")
             mechanism = _added(mechanism, one, machine, place)
-    if mechanism is before:
-        return mechanism
-    return replace(mechanism, free=tuple(free_indices(mechanism.parameters,
-                                                      mechanism.free_patterns)))
+    return before if mechanism is before else _with_free(mechanism)
 
 
 def _added(mechanism: Mechanism, one: EffectFile, machine: Machine, place: str) -> Mechanism:
@@ -234,8 +248,8 @@ def _given(one: EffectFile, spec: EffectParameter, quantity: str, machine: Machi
            place: str) -> Given:
     factor = machine.units.factor(quantity)
     where = f"{place}.parameters.{spec.name}"
-    given = one.parameters.get(spec.name, ValueFile())
-    value = spec.default if given.value is None else given.value * factor
+    given = times(one.parameters.get(spec.name, ValueFile()), factor)
+    value = spec.default if given.value is None else given.value
     if value is None:
         unit = machine.units.name(quantity) or "plain numbers"
         raise BadInput(f"the parameter '{spec.name}' has no value", where,
@@ -250,11 +264,7 @@ def _given(one: EffectFile, spec: EffectParameter, quantity: str, machine: Machi
     if given.free and spec.constant:
         raise BadInput(f"'{spec.name}' cannot be fitted", where, "Remove `free`")
 
-    def scaled(number: float | None) -> float | None:
-        return None if number is None else number * factor
-
-    return Given(value, scaled(given.tolerance), bool(given.free), scaled(given.nominal),
-                 scaled(given.sigma))
+    return Given(value, given.tolerance, bool(given.free), given.nominal, given.sigma)
 
 
 def _geometry(mechanism: Mechanism, one: EffectFile, machine: Machine, place: str) -> Mechanism:
@@ -264,12 +274,11 @@ def _geometry(mechanism: Mechanism, one: EffectFile, machine: Machine, place: st
     refuse_unknown("parameter", one.parameters, index, f"{place}.parameters")
     for name, given in one.parameters.items():
         p = made[index[name]]
-        f = machine.units.factor(p.quantity)
-        free = bool(given.free)
+        own, free = times(given, machine.units.factor(p.quantity)), bool(given.free)
         made[index[name]] = replace(
-            p, value=p.value + (given.value or 0.0) * f, free=p.free or free,
+            p, value=p.value + (own.value or 0.0), free=p.free or free,
             fixed=p.fixed and not free,
-            tolerance=p.tolerance if given.tolerance is None else given.tolerance * f)
+            tolerance=p.tolerance if own.tolerance is None else own.tolerance)
     return replace(mechanism, parameters=tuple(made))
 
 

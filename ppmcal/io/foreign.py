@@ -16,9 +16,18 @@ from ppmcal.errors import BadInput
 from ppmcal.io.clock import Clock, clock_of_numbers, clock_of_words
 from ppmcal.io.column_names import GROUPED, is_target, known_columns, own_name, strangers, unit_in
 from ppmcal.io.csv import Table, csv_table, refuse_absurd
-from ppmcal.io.header import HeaderColumn, bare_name, header_columns, named, unit_of, zone_of
+from ppmcal.io.header import (
+    FURTHER,
+    MATRIX,
+    HeaderColumn,
+    ReadFile,
+    bare_name,
+    header_columns,
+    named,
+    unit_of,
+    zone_of,
+)
 from ppmcal.io.point_list import with_header
-from ppmcal.io.read_block import FURTHER, MATRIX, ReadFile
 from ppmcal.io.recordings import (
     FORM,
     Recording,

@@ -10,7 +10,7 @@ import numpy as np
 
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table, refuse_absurd, refuse_double
-from ppmcal.io.csv_numbers import PLAIN
+from ppmcal.io.csv_dialect import PLAIN
 from ppmcal.limits import CELL_SIZE, refuse_shape
 
 Tabular = str | os.PathLike[str] | Mapping[str, Any] | Any

@@ -10,7 +10,7 @@ import numpy as np
 
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
-from ppmcal.io.yaml import number_text
+from ppmcal.io.foreign import pose_names
 from ppmcal.linalg import Array
 from ppmcal.notes import Note
 from ppmcal.wording import abbreviate_list, row_list
@@ -103,9 +103,7 @@ def _by(log: Table, points: Table) -> str:
 
 def names(table: Table) -> list[str]:
     """Return the names of N points; of ``Collection::Group::Point`` the last part."""
-    if "pose" in table.numbers:
-        return [number_text(v) if np.isfinite(v) else "" for v in table.numbers["pose"].tolist()]
-    return [name.rsplit("::", 1)[-1].strip() for name in table.text["pose"]]
+    return [name.rsplit("::", 1)[-1].strip() for name in pose_names(table)]
 
 
 def _by_name(log: Table, points: Table, partial: bool

@@ -18,7 +18,7 @@ from ppmcal.io.directions import square, to_nominal, unit
 from ppmcal.io.effects import limb_entries
 from ppmcal.io.mechanism_schema import word
 from ppmcal.io.parameter_reader import Draft, SlotEntry
-from ppmcal.io.schema import check, show
+from ppmcal.io.schema import check, show, times
 from ppmcal.io.slots import DirectionFile, SlotFile, SlotGroup, absent_axes, groups, point_parts
 from ppmcal.linalg import Array
 from ppmcal.model.limbs import LimbKind, find_kind, kinds
@@ -182,12 +182,12 @@ class LimbReader:
     def _slot(self, raw: Any, path: str) -> SlotFile:
         return self._given(SlotFile, raw, path)
 
-    def _add(self, spec: SlotSpec, path: str, slot: SlotFile, joint: bool = False) -> None:
+    def _add(self, spec: SlotSpec, slot: SlotFile, joint: bool = False) -> None:
         """Turn a slot to SI and append it."""
         default = spec.default if slot.share is None or joint else None
         self.draft.entries.append(SlotEntry(
-            f"{self.draft.name}.{path}", self.at(path), spec,
-            slot.times(self.units.factor(spec.quantity)), default))
+            f"{self.draft.name}.{spec.name}", self.at(spec.name), spec,
+            times(slot, self.units.factor(spec.quantity)), default))
         if spec.tolerance_class != "ratio":
             self.draft.numbers += [(spec.quantity, v) for v in (slot.value, slot.nominal)
                                    if v is not None]
@@ -213,7 +213,7 @@ class LimbReader:
             if spec.name == "ratio" and slot.value == 0.0:
                 raise BadInput("a ratio of 0 moves nothing", self.at(spec.name),
                                "Write the travel per unit of the joint variable")
-            self._add(spec, spec.name, slot)
+            self._add(spec, slot)
         self.draft.direct.append(spec.name)
 
     def _joint(self, group: SlotGroup, raw: Any) -> None:
@@ -228,30 +228,23 @@ class LimbReader:
             path = f"{self.draft.name}.{spec.name}"
             if key in given or any(fnmatchcase(path, p) for p in self.patterns):
                 slot = self._slot(given[key], spec.name) if key in given else SlotFile()
-                nominal = slot.nominal
-                if nominal is None and slot.share is None:
+                if slot.nominal is None and slot.share is None:
                     slot = slot.model_copy(update={"nominal": 0.0})
-                self._add(spec, spec.name, slot, joint=True)
+                self._add(spec, slot, joint=True)
                 self.draft.direct.append(spec.name)
 
     def _point(self, group: SlotGroup, raw: Any) -> None:
         """A point: ``[x, y]``, ``{x, y}``, ``{radius, angle, z}`` or ``{value: [x, y]}``."""
-        by_axis, path = group.parts, group.path
-        parts = point_parts(raw, list(by_axis), self.at(path))
-        radius, angle = f"{path}.radius", f"{path}.angle"
+        path, own = group.path, self.draft.name
+        specs = group.parts | group.polar
+        parts = point_parts(raw, list(group.parts), self.at(path))
         for axis, slot in parts.items():
-            if axis == "radius":
-                self._add(SlotSpec(radius, "length", "point"), radius, self._slot(slot, radius))
-            elif axis == "angle":
-                self._add(SlotSpec(angle, "angle", "angle"), angle, self._slot(slot, angle))
-            else:
-                spec = by_axis[axis]
-                self._add(spec, spec.name, self._slot(slot, spec.name))
-                self.draft.direct.append(spec.name)
+            self._add(specs[axis], self._slot(slot, specs[axis].name))
+            if axis in group.parts:
+                self.draft.direct.append(specs[axis].name)
         if "radius" in parts:
-            own = self.draft.name
-            self.draft.polar.append((f"{path}.x", f"{path}.y", f"{own}.{radius}",
-                                     f"{own}.{angle}"))
+            radius, angle = (f"{own}.{s.name}" for s in group.polar.values())
+            self.draft.polar.append((f"{path}.x", f"{path}.y", radius, angle))
 
     def _first_axis(self, group: SlotGroup, given: Mapping[str, Any]) -> None:
         """The first axis of a universal joint: with errors only where they can matter.

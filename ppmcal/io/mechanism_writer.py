@@ -56,7 +56,7 @@ class SlotWriter:
         elif group.form == "point":
             names = [s.name for s in group.slots]
             if f"{path}.radius" in slots:
-                names = [f"{path}.radius", f"{path}.angle", *names[2:]]
+                names = [*(s.name for s in group.polar.values()), *names[2:]]
             parts = {n.rpartition(".")[2]: self._slot(limb, n, slots[n]) for n in names}
             plain = "radius" not in parts and not any(isinstance(v, dict) for v in parts.values())
             yield path, list(parts.values()) if plain else parts
@@ -189,44 +189,28 @@ def write_mechanism(mechanism: Mechanism, comment: str = "") -> str:
         "limbs": [{**writer.limb(i), **own[i]} for i in range(len(mechanism.limbs))],
         "home": _home(mechanism),
     }
-    if mechanism.tolerances:
-        tree["tolerances"] = dict(mechanism.tolerances)
-    limits = _limits(mechanism)
-    if limits:
-        tree["limits"] = limits
-    if not np.array_equal(mechanism.gravity, mechanism.motion.gravity):
-        tree["gravity"] = [float(v) for v in mechanism.gravity]
-    if mechanism.effects:
-        tree["effects"] = effects_tree(mechanism)
-    if stiffness:
-        tree["stiffness"] = stiffness
-    if mechanism.cost:
-        tree["cost"] = {name: {"weight": w, "exponent": e}
-                        for name, (w, e) in mechanism.cost.items()}
+    usual = np.array_equal(mechanism.gravity, mechanism.motion.gravity)
     free = _free(mechanism)
-    if free is not None:
-        tree["free"] = free
-    if mechanism.gauge != "base":
-        tree["gauge"] = mechanism.gauge
-    if mechanism.gaps:
-        tree["closure"] = gaps_tree(mechanism)
-    if mechanism.optional:
-        tree["optional"] = [list(level) for level in mechanism.optional]
-    measurement = measurement_tree(mechanism)
-    if measurement:
-        tree["measurement"] = measurement
+    further = {
+        "tolerances": dict(mechanism.tolerances), "limits": _limits(mechanism),
+        "gravity": [] if usual else [float(v) for v in mechanism.gravity],
+        "effects": effects_tree(mechanism), "stiffness": stiffness,
+        "cost": {name: {"weight": w, "exponent": e} for name, (w, e) in mechanism.cost.items()},
+        "free": free, "gauge": "" if mechanism.gauge == "base" else mechanism.gauge,
+        "closure": gaps_tree(mechanism),
+        "optional": [list(level) for level in mechanism.optional],
+        "measurement": measurement_tree(mechanism)}
+    # no parameter free says something, whatever else is empty does not
+    tree |= {key: value for key, value in further.items() if value or (key, value) == ("free", [])}
     return dump_yaml(tree, comment)
 
 
 def _home(mechanism: Mechanism) -> dict[str, Any]:
-    out: dict[str, Any] = {"pose": pose_to_map(mechanism.home_pose, mechanism.coordinates,
-                                               mechanism.units)}
+    pose = pose_to_map(mechanism.home_pose, mechanism.coordinates, mechanism.units)
     q = {name: to_file(float(v), float(f)) for name, v, f in zip(
         mechanism.actuators, mechanism.home_q, mechanism.joint_factors(), strict=True)
         if np.isfinite(v)}
-    if q:
-        out["q"] = q
-    return out
+    return {"pose": pose, "q": q} if q else {"pose": pose}
 
 
 def _limits(mechanism: Mechanism) -> dict[str, list[float]]:

@@ -14,9 +14,19 @@ import numpy as np
 
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
-from ppmcal.io.header import Columns, bare_columns, bare_name, declared, named
+from ppmcal.io.header import (
+    ANGULAR,
+    FURTHER,
+    MATRIX,
+    TEMPERATURES,
+    Columns,
+    ReadFile,
+    bare_columns,
+    bare_name,
+    declared,
+    named,
+)
 from ppmcal.io.pose_fields import QUATERNION
-from ppmcal.io.read_block import ANGULAR, FURTHER, MATRIX, TEMPERATURES, ReadFile
 from ppmcal.kinematics.pose_readings import (
     AXES,
     QUATERNIONS,

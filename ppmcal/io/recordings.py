@@ -22,7 +22,7 @@ import numpy as np
 
 from ppmcal.errors import BadInput, refuse_unknown
 from ppmcal.io.csv import Table, cleaned, refuse_double
-from ppmcal.io.csv_numbers import is_float
+from ppmcal.io.csv_dialect import is_float
 from ppmcal.limits import BAG_BYTES, TABLE_ROWS, UNPACKED_BYTES
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism

@@ -34,12 +34,24 @@ _CENTER = {"center": "center: {x: 0, y: 0, rz: 0}", "count": "count: 30",
            "turns": "turns: 3"}
 
 
-class CircleFile(Strict):
-    """``circle: {center, radius, count, swing}``."""
+class _Around(Strict):
+    """Poses about one."""
 
     examples: ClassVar[Mapping[str, str]] = _CENTER
     center: Any
     """Pose of the centre."""
+
+
+class _InABox(_Around):
+    """Poses about one, as far as half of a range away."""
+
+    half_range: Any
+    """Half of the range of each coordinate."""
+
+
+class CircleFile(_Around):
+    """``circle: {center, radius, count, swing}``."""
+
     radius: Positive
     """Radius in x, y."""
     count: Count
@@ -48,34 +60,23 @@ class CircleFile(Strict):
     """Amplitude of the other coordinates along the circle."""
 
 
-class GridFile(Strict):
+class GridFile(_InABox):
     """``grid: {center, half_range, counts}``."""
 
-    examples: ClassVar[Mapping[str, str]] = _CENTER
-    center: Any
-    """Pose of the centre."""
-    half_range: Any
-    """Half of the range of each coordinate."""
     counts: dict[Label, Count]
     """Levels of each coordinate."""
 
 
-class RandomFile(Strict):
+class RandomFile(_InABox):
     """``random: {center, half_range, count}``."""
 
-    examples: ClassVar[Mapping[str, str]] = _CENTER
-    center: Any
-    """Pose of the centre."""
-    half_range: Any
-    """Half of the range of each coordinate."""
     count: Count
     """Poses."""
 
 
-class HelixFile(Strict):
+class HelixFile(_Around):
     """``helix: {center, diameter, pitch, turns, count}``."""
 
-    examples: ClassVar[Mapping[str, str]] = _CENTER
     center: Any
     """Pose of the first turn's centre."""
     diameter: Positive

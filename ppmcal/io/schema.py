@@ -234,6 +234,13 @@ class Strict(BaseModel):
         return data
 
 
+def times(given: T, factor: float) -> T:
+    """Return an entry with its value, nominal value, tolerance and sigma in another unit."""
+    return given.model_copy(update={
+        name: value * factor for name in ("value", "nominal", "tolerance", "sigma")
+        if (value := getattr(given, name)) is not None})
+
+
 class UnitsFile(Strict):
     """``units: {length: mm, angle: deg}``."""
 

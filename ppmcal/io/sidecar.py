@@ -13,9 +13,9 @@ from pydantic import BeforeValidator, model_validator
 from ppmcal import algebra as cga
 from ppmcal.design.virtual_instrument import Instrument
 from ppmcal.errors import BadInput, refuse_unknown, unknown
+from ppmcal.io.header import ReadFile
 from ppmcal.io.noise_limits import refuse_sigma
 from ppmcal.io.pose_fields import pose_from_map
-from ppmcal.io.read_block import ReadFile
 from ppmcal.io.schema import (
     LARGEST,
     Flag,

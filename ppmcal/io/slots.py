@@ -40,12 +40,6 @@ class SlotFile(Strict):
     share: Path | None = None
     """Name of a parameter that several slots have in common."""
 
-    def times(self, factor: float) -> SlotFile:
-        """Return the slot with its numbers in another unit."""
-        return self.model_copy(update={
-            name: value * factor for name in ("value", "nominal", "tolerance", "sigma")
-            if (value := getattr(self, name)) is not None})
-
 
 def _three_sigmas(value: object) -> list[float]:
     values = value if isinstance(value, list) else [value] * 3
@@ -96,6 +90,12 @@ class SlotGroup:
     def parts(self) -> dict[str, SlotSpec]:
         """The slots by the last word of their names: x, y, z, rx ..."""
         return {s.name.rpartition(".")[2]: s for s in self.slots}
+
+    @property
+    def polar(self) -> dict[str, SlotSpec]:
+        """What a point may have in place of x and y: radius and angle."""
+        return {"radius": SlotSpec(f"{self.path}.radius", "length", "point"),
+                "angle": SlotSpec(f"{self.path}.angle", "angle", "angle")}
 
 
 def groups(kind: LimbKind) -> list[SlotGroup]:

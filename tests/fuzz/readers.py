@@ -29,9 +29,9 @@ from ppmcal.io.column_names import LABELS
 from ppmcal.io.csv import csv_table
 from ppmcal.io.dataset_reader import read_dataset
 from ppmcal.io.foreign import foreign_tables
+from ppmcal.io.header import ReadFile
 from ppmcal.io.mechanism_reader import read_mechanism
 from ppmcal.io.poses import read_joints, read_poses
-from ppmcal.io.read_block import ReadFile
 from ppmcal.io.results import knowledge
 from ppmcal.io.results.batch import CampaignRecord
 from ppmcal.io.results.commands import CommandsRecord

@@ -14,10 +14,9 @@ from ppmcal.io.clock import Clock, on_clock_of
 from ppmcal.io.column_names import is_target
 from ppmcal.io.csv import Table
 from ppmcal.io.foreign import ForeignTable, pose_names
-from ppmcal.io.header import declared, unit_of
+from ppmcal.io.header import ANGULAR, ReadFile, declared, unit_of
 from ppmcal.io.join import Join, NoMatch, join, unwrapped
 from ppmcal.io.measurement_columns import stacked
-from ppmcal.io.read_block import ANGULAR, ReadFile
 from ppmcal.io.reading import in_units
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism

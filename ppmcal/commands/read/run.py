@@ -23,10 +23,9 @@ from ppmcal.io.csv import Table, csv_table
 from ppmcal.io.csv_writer import csv_lines
 from ppmcal.io.dataset_reader import dataset_of
 from ppmcal.io.foreign import ForeignTable, foreign_tables, refuse_unused
-from ppmcal.io.header import declared, unit_of
+from ppmcal.io.header import MATRIX, ReadFile, declared, unit_of
 from ppmcal.io.join import rows_of
 from ppmcal.io.pose_fields import QUATERNION
-from ppmcal.io.read_block import MATRIX, ReadFile
 from ppmcal.io.reading import declared_unit, in_conventions, in_units
 from ppmcal.io.schema import check
 from ppmcal.io.sidecar import FORMAT, SidecarFile, located, sidecar_path

@@ -22,8 +22,8 @@ from ppmcal.calibration.interpretation import (
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
 from ppmcal.io.foreign import pose_names
+from ppmcal.io.header import ReadFile
 from ppmcal.io.measurement_columns import stacked
-from ppmcal.io.read_block import ReadFile
 from ppmcal.io.sidecar import point_of
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
