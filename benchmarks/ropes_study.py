@@ -26,7 +26,6 @@ from ppmcal.errors import PpmcalError
 
 ETA = (0.5, 2.0)
 PLACES, REPEATS = 40, 3
-NAMED = ("named", "named-set", "partial")
 
 
 @dataclass(frozen=True)
