@@ -129,7 +129,8 @@ def _profiled(fit: Fit, event: _Event) -> Onset:
     near = tried[gains >= gains.max() - LIKELY * noise]
     best = int(tried[int(np.argmax(gains))])
     # what began with a session did so where it is as likely as it is anywhere
-    least = LIKELY * noise if event.row in session_starts(fit.problem).values() else 1e-9
+    begins = session_starts(fit.problem).values()
+    least = LIKELY * noise if event.row in begins else 1e-9
     if event.row in tried and gains[tried == event.row][0] >= gains.max() - least:
         best = int(event.row)
     # of rows between two that are used, none is likelier than another
