@@ -26,7 +26,6 @@ from ppmcal.errors import PpmcalError
 
 ETA = (0.5, 2.0)
 PLACES, REPEATS = 40, 3
-NAMED = ("named", "named-set", "partial")
 
 
 @dataclass(frozen=True)
@@ -54,6 +53,12 @@ def write(machine: Machine, done: Session, folder: Path, sides: bool) -> tuple[P
         own = [0, 1, 5] if machine.flat else range(6)
         header += [("x", "y", "z", "rx", "ry", "rz")[c] for c in own]
         table += [done.poses[:, c] for c in own]
+    if done.session is not None:
+        header += ["session"]
+        table += [done.session + 1]
+    if done.force is not None:
+        header += [f"tension_{n}" for n in machine.ropes]
+        table += [*done.force.T]
     data = folder / "rows.csv"
     with data.open("w", newline="", encoding="utf-8") as out:
         csv.writer(out).writerows([header, *np.array(table).T.tolist()])

@@ -16,13 +16,19 @@ TURN_NOISE = 1e-4
 
 @dataclass(frozen=True)
 class Rows:
-    """What a cause may know: paid-out lengths (N, m), tensions, places, rows and directions."""
+    """What a cause may know: paid-out lengths (N, m), tensions, places, rows and directions.
+
+    ``tension``: in parts of what those pull that do, and ``force`` in N, as sensors show it;
+    ``session`` (N,): number of the session.
+    """
 
     length: Array
     tension: Array
     place: Array
     side: Array
     rng: np.random.Generator
+    session: Array
+    force: Array
 
 
 Cause = Callable[[Rows], Array]
@@ -59,6 +65,17 @@ def _wanders(r: Rows) -> Array:
     return _one(np.repeat(steps[:, None], r.length.shape[1], axis=1), int(r.rng.integers(4)))
 
 
+def _homed(r: Rows) -> Array:
+    zeros = r.rng.normal(size=(SESSIONS, r.length.shape[1]))
+    return zeros[r.session]
+
+
+def _pulled(r: Rows) -> Array:
+    """Return stretch with another pull in the last session, half of it or twice."""
+    other = float(r.rng.choice([0.5, 2.0]))
+    return r.length * r.tension * np.where(r.session == SESSIONS - 1, other, 1.0)[:, None]
+
+
 CAUSES: dict[str, tuple[Cause | None, frozenset[str]]] = {
     "none": (None, frozenset()),
     "stretch": (lambda r: r.length * r.tension, frozenset({"rope_stretch", "anchor_give"})),
@@ -70,17 +87,30 @@ CAUSES: dict[str, tuple[Cause | None, frozenset[str]]] = {
     "backlash": (lambda r: _one(0.5 * r.side, 1), frozenset({"backlash"})),
     "caught": (_caught, frozenset()),
     "wanders": (_wanders, frozenset()),
+    "none-by-day": (None, frozenset()),
+    "homed": (_homed, frozenset({"zero_shift"})),
+    "pulled": (_pulled, frozenset({"rope_stretch", "anchor_give"})),
+    "none-in-force": (None, frozenset()),
+    "elastic": (lambda r: r.length * r.force, frozenset({"rope_elasticity"})),
 }
 """By name the cause, and the kinds that are right; those that no kind is right for are unknown.
 
 Stretch and a frame that gives differ by the ropes' lengths alone: either name is right for both."""
+BY_DAY = frozenset({"none-by-day", "homed", "pulled"})
+"""Causes of campaigns of several sessions."""
+IN_FORCE = frozenset({"none-in-force", "elastic"})
+"""Causes of campaigns whose ropes have force sensors."""
+SESSIONS = 3
+PULL = (20.0, 100.0)
+"""With what ropes pull that do, N, drawn anew at each place where there are force sensors."""
 
 
 @dataclass(frozen=True)
 class Session:
     """Readings (N, m), mm, directions (N, m), measured poses (N, 6) or None, and the true points.
 
-    ``eta``: rms of the hidden cause over the noise, past what geometry could take up.
+    ``eta``: rms of the hidden cause over the noise, past what geometry could take up. ``session``
+    (N,) its number, ``force`` (N, m) in N: None without several sessions, or force sensors.
     """
 
     readings: Array
@@ -90,6 +120,8 @@ class Session:
     anchors: Array
     hooks: Array
     size: float
+    session: Array | None = None
+    force: Array | None = None
 
 
 def session(machine: Machine, cause: str, eta: float, rng: np.random.Generator, places: int,
@@ -108,7 +140,10 @@ def session(machine: Machine, cause: str, eta: float, rng: np.random.Generator, 
     before = np.concatenate([length[:1] - 1.0, length[:-1]])
     for n in np.flatnonzero(np.concatenate([[False], place[1:] == place[:-1]])):
         before[n] = length[n] - (rng.choice([-1.0, 1.0], length.shape[1]))  # come to anew
-    rows = Rows(length, tensions(machine, units, arms), place, np.sign(length - before), rng)
+    tension = tensions(machine, units, arms)
+    pull = rng.uniform(*PULL, places)[place, None] if cause in IN_FORCE else 1.0
+    day = place * SESSIONS // places if cause in BY_DAY else np.zeros_like(place)
+    rows = Rows(length, tension, place, np.sign(length - before), rng, day, pull * tension)
     made = CAUSES[cause][0]
     extra = np.zeros_like(length) if made is None else made(rows)
     size = eta * NOISE / _seen(machine, extra, anchors, hooks, poses) if made else 0.0
@@ -116,7 +151,8 @@ def session(machine: Machine, cause: str, eta: float, rng: np.random.Generator, 
     seen = None
     if machine.instrument == "pose":
         seen = poses + np.array([NOISE] * 3 + [TURN_NOISE] * 3) * rng.normal(size=poses.shape)
-    return Session(readings, rows.side, seen, place, anchors, hooks, size)
+    return Session(readings, rows.side, seen, place, anchors, hooks, size,
+                   day if cause in BY_DAY else None, rows.force if cause in IN_FORCE else None)
 
 
 def _seen(machine: Machine, extra: Array, anchors: Array, hooks: Array, poses: Array) -> float:

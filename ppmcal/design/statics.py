@@ -22,7 +22,8 @@ from ppmcal.design.error_jacobian import to_tool
 from ppmcal.design.spring_model import Spring, spring_columns
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import inverse
-from ppmcal.kinematics.least_squares_closure import EXACT, surplus, symmetric_system
+from ppmcal.kinematics.least_squares_closure import EXACT, symmetric_system
+from ppmcal.kinematics.loads import even_tension, only_pull
 from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.mechanism import Mechanism
 
@@ -34,8 +35,6 @@ AT_ONCE, ONE_BY_ONE = 30, 500
 """Rounds in which all ropes that are taken wrongly change, and then the first of them alone."""
 ROUND_OFF = 1e-12
 """Tensions and gaps below this part of the largest are none."""
-EVEN = 0.05
-"""Tensions without a load whose mean is below this part of their size are no tension."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,24 +179,6 @@ def limb_forces(mechanism: Mechanism, springs: tuple[Spring, ...], q: Array, pos
     moved = np.where(np.isfinite(under.twist).all(axis=1), 0.0, np.nan)[:, None] * np.ones(6)
     moved[:, dof] = (carry @ (under.twist - begin.twist)[..., None])[..., 0]
     return LimbForces(idle, under.force, moved, under.slack)
-
-
-def only_pull(mechanism: Mechanism) -> Bools:
-    """Return which equations are those of ropes (m,)."""
-    return np.array([limb.kind.pulls_only for limb in mechanism.limbs
-                     for _ in range(limb.kind.surface.equations)])
-
-
-def even_tension(mechanism: Mechanism, a: Array, ropes: Bools, tension: float) -> Array:
-    """Return forces (N, m) that balance each other with ropes as even as may be, N.
-
-    Their mean is ``tension``; nan where ropes cannot pull against each other.
-    """
-    basis = surplus(mechanism, a)
-    even = (basis @ np.swapaxes(basis, -1, -2) @ ropes.astype(float)[..., None])[..., 0]
-    mean = even[:, ropes].mean(axis=1)
-    factor = np.where(mean > EVEN, tension / np.where(mean > EVEN, mean, 1.0), np.nan)
-    return np.asarray(even * factor[:, None])
 
 
 def _gaps(mechanism: Mechanism, pose: Array) -> Array:

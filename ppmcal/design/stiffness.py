@@ -28,10 +28,11 @@ from numpy.typing import NDArray
 from ppmcal import linalg
 from ppmcal.design.error_jacobian import to_tool
 from ppmcal.design.spring_model import Spring, spring_columns, springs_of
-from ppmcal.design.statics import LimbForces, limb_forces, only_pull
+from ppmcal.design.statics import LimbForces, limb_forces
 from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.least_squares_closure import closed_by
+from ppmcal.kinematics.loads import only_pull
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import named, placed
 from ppmcal.kinematics.tables import KinematicsTable, inverse_table, refuse_singular_home

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
 
 from ppmcal import linalg
+from ppmcal.diagnosis.at_sessions import session_starts, zeros_are_known
 from ppmcal.diagnosis.by_session import by_session
 from ppmcal.diagnosis.grids import NEAR, Grids, lowest, sign, start_values, usual_range
 from ppmcal.diagnosis.hypotheses import (
@@ -24,7 +26,7 @@ from ppmcal.diagnosis.library_columns import only_slots
 from ppmcal.diagnosis.linear_system import System
 from ppmcal.diagnosis.misread_columns import misread_columns
 from ppmcal.kinematics.effect_response import carried_by
-from ppmcal.kinematics.needed_columns import lacking
+from ppmcal.kinematics.needed_columns import by_load, lacking
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import WRENCH
 from ppmcal.model.effects import (
@@ -54,6 +56,7 @@ class _Kinds(Collector):
     def __init__(self, system: System, tried: Sequence[int] = ()) -> None:
         super().__init__(system)
         self.grids = Grids(system)
+        self.starts = session_starts(system.problem)
         effects, under_test = system.problem.mechanism.effects, set(tried)
         lasting = [e.kind for e in effects if not set(e.parameters.values()) & under_test]
         self.bears = any(k.uses_load and k.carried is None and not k.instrument for k in lasting)
@@ -83,7 +86,10 @@ class _Kinds(Collector):
                  and s.unless not in self.there]
         for some in [[s] for s in specs] if kind.one_by_one else [specs] if specs else []:
             for constants in self.grids.of(kind, some[0].name):
-                self._hypotheses(kind, on, constants, some)
+                if constants.get(kind.onset) not in self.starts.values():
+                    self._hypotheses(kind, on, constants, some)
+            if kind.onset:
+                self._at_sessions(kind, on, some)
 
     def _hypotheses(self, kind: EffectKind, on: Bools, constants: dict[str, float],
                     specs: Sequence[EffectParameter]) -> None:
@@ -137,6 +143,15 @@ class _Kinds(Collector):
                 high * len(own), tuple(c for cs in own.values() for c in cs), usual * len(own),
                 shown, starts=tuple((c, n * len(names) + of) for n, a in enumerate(own)
                              for c, of in starts[a])))
+
+    def _at_sessions(self, kind: EffectKind, on: Bools, specs: Sequence[EffectParameter]) -> None:
+        """Add an event with each session; with the first one what all joints may have anew."""
+        known = zeros_are_known(self.system.problem)
+        for n, (label, row) in enumerate(self.starts.items()):
+            begin = len(self.hypotheses)
+            self._hypotheses(kind, on, {kind.onset: row}, specs)
+            own = [replace(h, begins=label, beside=n == 0) for h in self.hypotheses[begin:]]
+            self.hypotheses[begin:] = [h for h in own if n or (known and not h.shared)]
 
     def _starts(self, kind: EffectKind, a: int, values: dict[str, float],
                 specs: Sequence[EffectParameter]) -> Iterator[tuple[int, int]]:
@@ -244,8 +259,9 @@ class _Kinds(Collector):
         lack: dict[str, bool] = {}
         for part in self.system.parts:
             name = self.system.problem.datasets[part.dataset].name
+            needs = by_load(kind.needs, self.system.problem.mechanism, part.response.rows)
             for a in np.flatnonzero(usable):
-                gone = lacking(kind.needs, (self.actuators[a],), (int(a),), part.response.rows)
+                gone = lacking(needs, (self.actuators[a],), (int(a),), part.response.rows)
                 lack[name] = lack.get(name, False) or bool(gone)
                 if gone:
                     on[a] = False
@@ -274,6 +290,11 @@ class _Kinds(Collector):
             elif need in ("load", "wrench"):
                 if not any(np.any(np.nan_to_num(r.wrench)) for r in rows):
                     out.append("payload")
+                continue
+            elif need == "tension":
+                if not any(np.any(np.nan_to_num(p.setting.tension[:, a])) for p in
+                           self.system.parts):
+                    out.append(f"tension_{self.actuators[a]}")
                 continue
             else:
                 values = [getattr(r, need)[:, None] for r in rows]

@@ -10,6 +10,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.diagnosis.at_sessions import with_sessions
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.cause_sizes import LINEAR, CauseSizes, between_points, sizes
 from ppmcal.diagnosis.extended_model import Added, Sized, columns_added, extended
@@ -303,7 +304,8 @@ def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools]
     ask = partial(CauseSizes, fit, keep, asked, {a.hypothesis.family for a in added})
     size = ask()
     start = _pulled(asked, start)
-    answer = posterior(asked.question, start, size.too_large if large else None, known)
+    answer = posterior(asked.question, start, size.too_large if large else None, known,
+                       with_sessions(asked.sources))
     # where one cause bends to several wrong rows at a time, the search may have begun with it
     rows = _left_out(fit, asked)
     if rows and state(asked.question, rows).log_p > answer.best.log_p:

@@ -51,6 +51,8 @@ class Hypothesis:
         requires: kind and actuators of what gives way to the load, which has to be chosen too; its
             coefficient is the parameter times that of the other.
         ratio: of what leans, the range in which machines have the parameter, by column.
+        begins: of an event the session with whose first row it begins; empty: any row.
+        beside: whether it is only there beside one that begins with another session.
     """
 
     kind: str
@@ -75,6 +77,8 @@ class Hypothesis:
     sessions: tuple[str, ...] = ()
     stretch: tuple[int, ...] = ()
     starts: tuple[tuple[int, int], ...] = ()
+    begins: str = ""
+    beside: bool = False
 
     @property
     def size(self) -> int:
@@ -125,6 +129,8 @@ class Hypothesis:
             where = f" in {self.follows}" if self.follows else ""
             return f"{self.misread}{where}: {replace(self, misread='', follows='').label}"
         what = f"{self.called} on {', '.join(self.on)}" if self.on else self.family
+        if self.begins:
+            return f"{what} {'in' if self.beside else 'from'} session {self.begins}"
         return f"{what}{UNLIKE}" if self.sessions else what
 
 

@@ -16,6 +16,7 @@ from scipy.special import chdtri
 
 from ppmcal import linalg
 from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.diagnosis.at_sessions import session_starts
 from ppmcal.diagnosis.linear_system import INVISIBLE, MOST_ROWS, System, build, range_basis
 from ppmcal.diagnosis.refit import with_mechanism
 from ppmcal.diagnosis.result import NamedEffect, Onset
@@ -127,7 +128,10 @@ def _profiled(fit: Fit, event: _Event) -> Onset:
         system.count - basis.shape[1] - sizes.size - 1, 1))
     near = tried[gains >= gains.max() - LIKELY * noise]
     best = int(tried[int(np.argmax(gains))])
-    if event.row in tried and gains[tried == event.row][0] >= gains.max() - 1e-9:
+    # what began with a session did so where it is as likely as it is anywhere
+    begins = session_starts(fit.problem).values()
+    least = LIKELY * noise if event.row in begins else 1e-9
+    if event.row in tried and gains[tried == event.row][0] >= gains.max() - least:
         best = int(event.row)
     # of rows between two that are used, none is likelier than another
     rows = np.concatenate([p.response.rows.row for p in system.parts])

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal.calibration.fit import prior_weights, to_prior
+from ppmcal.diagnosis.at_sessions import Form, priors
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.library_columns import Products
 from ppmcal.diagnosis.linear_system import System
@@ -51,8 +52,6 @@ class WrongRows:
 
 Source = Hypothesis | UnknownCause | WrongRows
 """What a block stands for."""
-Form = tuple[tuple[str, ...], bool]
-"""Actuators on which a family acts, and whether with one value for all of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +131,8 @@ def noise_freedom(system: System) -> float:
     return float(OWN_NOISE_FREEDOM if own else NOISE_FREEDOM)
 
 
+BEGINS = "with each session"
+"""What all joints do anew, beside which they had it in the first session too."""
 BY_JOINT = ("dir", "vel")
 """Inputs that each joint has of its own."""
 ROW_FAMILY = "row"
@@ -215,7 +216,9 @@ def blocks(library: Library, least: float = 0.0
            ) -> Iterator[tuple[Block, Hypothesis | UnknownCause]]:
     """Yield the library's hypotheses, each with its prior; ``least``: as of a block."""
     families: dict[str, dict[Form, list[Hypothesis]]] = defaultdict(lambda: defaultdict(list))
-    for h in library.hypotheses:
+    yield from ((_block(h, h.family, log_prior, least), h) for h, log_prior in priors(
+        [h for h in library.hypotheses if h.begins], _shares))
+    for h in (h for h in library.hypotheses if not h.begins):
         families[_family(h)][h.on, h.shared].append(h)
     cut = {(_family(h), h.on) for h in library.hypotheses if h.sessions}
     firsts = {family: next(iter(forms.values()))[0] for family, forms in families.items()}
@@ -281,13 +284,16 @@ def _sort(h: Hypothesis) -> object:
 
 def _block(h: Hypothesis, family: str, log_prior: float, least: float) -> Block:
     low, high = _range(h)
+    gives = _place(h.kind, h.on) if h.shared and not h.sessions else ""
+    needs = _place(*h.requires) if h.requires else ""
+    if h.begins and not h.shared:
+        gives, needs = ("", f"{h.kind} {BEGINS}") if h.beside else (f"{h.kind} {BEGINS}", "")
     return Block(h.label, family, (*h.columns, *(c for c, _ in h.starts)), log_prior,
                  low=low, high=high, group=_group(h, family),
                  starts=tuple(of for _, of in h.starts), least=least,
                  where="" if h.anonymous or h.misread else " ".join(h.on),
                  # what leans is in proportion to one size, not to several that differ
-                 gives=_place(h.kind, h.on) if h.shared and not h.sessions else "",
-                 needs=_place(*h.requires) if h.requires else "", ratio=h.ratio,
+                 gives=gives, needs=needs, ratio=h.ratio,
                  reads=_inputs(h), way=f"{h.misread} {h.follows}".rstrip())
 
 
@@ -305,6 +311,8 @@ def _group(h: Hypothesis, family: str) -> str:
     """
     if h.slot:
         return f"{h.kind} {h.sort}"
+    if h.begins and not h.shared:
+        return ""
     if h.effect is not None and h.effect.onset:
         return f"{family} on {' '.join(h.on)} {h.shared}"
     by = " by session" if h.sessions else ""

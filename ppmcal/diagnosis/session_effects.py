@@ -55,7 +55,25 @@ def with_sessions(fit: Fit, effects: Sequence[NamedEffect]
             told.append(Note(f"{name} is not the same in all sessions (the same with probability "
                              f"{sizes.same:.1g}): {first.rpartition('.')[2]} {each} (95 %)",
                              topic="sessions"))
+    told += _begun(effects, len(mechanism.actuators))
     return tuple(replace(e, sessions=s) for e, s in zip(effects, found, strict=True)), told
+
+
+def _begun(effects: Sequence[NamedEffect], count: int) -> list[Note]:
+    """Return what is another from a session on, joints of one event together."""
+    on: dict[tuple[str, str, bool], list[str]] = {}
+    for effect in effects:
+        h = effect.hypothesis
+        if h.begins:
+            on.setdefault((h.called, h.begins, h.beside), []).extend(effect.on)
+    out = []
+    for (name, session, first), joints in on.items():
+        place = actuator_list(joints, count)
+        what = f"{name} on {place}" if place else name
+        out.append(Note(f"{what} is there in session {session} already, against the drawing"
+                        if first else f"{what} begins with session {session}: what was set up anew "
+                        "before it does not stand as it did", topic="sessions"))
+    return out
 
 
 def session_effects(fit: Fit, effects: Sequence[NamedEffect]) -> list[SessionEffect | None]:

@@ -158,7 +158,7 @@ class SetPosterior:
 
 def posterior(question: Question, start: Sequence[int] = (),
               enough: Callable[[BlockSet], bool] | None = None,
-              known: Sequence[Numbers] = ()) -> SetPosterior:
+              known: Sequence[Numbers] = (), beside: Sequence[Numbers] = ()) -> SetPosterior:
     """Return which blocks are in the data: search from a set, then what is near the best.
 
     Args:
@@ -167,12 +167,16 @@ def posterior(question: Question, start: Sequence[int] = (),
         enough: whether the search is to end at a set; asked of each that it comes to.
         known: sets that were likely where a search of almost the same question ended at ``start``:
             from there nothing is looked for again that is farther away than one move.
+        beside: sets of several blocks that belong together, which no single move comes to.
     """
     seen = SetSearch(question)
     best = seen.whole(seen.visit(()))
     if start:
         others = [seen.settle(tuple(sorted(key))) for key in known]
         best = seen.whole(max(best, seen.settle(tuple(start)), *others, key=lambda at: at.log_p))
+    if beside:
+        best = seen.whole(max(best, *(seen.settle(tuple(sorted(key))) for key in beside),
+                              key=lambda at: at.log_p))
     for _ in range(MOVES):
         again = known and frozenset(best.chosen) == frozenset(start)
         better = None if enough is not None and enough(best) else (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ppmcal.errors import BadInput, refuse_unknown
+from ppmcal.io.column_names import tension_columns
 from ppmcal.io.effects import with_effects
 from ppmcal.io.noise_limits import refuse_sigma
 from ppmcal.io.pose_fields import COORDINATES, pose_from_map
@@ -75,6 +77,7 @@ def read_scenario(path: str | os.PathLike[str] | Mapping[str, Any], mechanism: M
         target_rotation=turn, target_rotation_known=file.target_rotation == "known",
         ar=file.noise.ar, outliers=file.noise.outliers, tails=file.noise.tails,
         repeats=file.repeats, approach=file.approach, payload=tuple(file.conditions.payload),
+        tension=_tensions(file.conditions.tension, mechanism, source),
         temperature=None if warm is None else (warm.mean + ZERO_CELSIUS, warm.swing),
         velocity=np.abs(actuator_noise(file.conditions.velocity, mechanism, joint, source)),
         with_effects=machine, seed=file.seed, pairs=_pairs(file, source),
@@ -85,7 +88,17 @@ def _refuse_many(file: ScenarioFile, poses: Pattern, source: str) -> None:
     """Refuse more poses than are asked for in earnest, and more rows than a table may have."""
     POSES.refuse(poses.size, f"{source}: poses")
     rows = poses.size * file.repeats * (2 if file.approach == "both" else 1)
-    SIMULATED_ROWS.refuse(rows * max(len(file.conditions.payload), 1), f"{source}: repeats")
+    settings = [len(v) for v in (file.conditions.payload, file.conditions.tension) if v]
+    SIMULATED_ROWS.refuse(rows * math.prod(settings), f"{source}: repeats")
+
+
+def _tensions(asked: list[float], mechanism: Mechanism, source: str) -> tuple[float, ...]:
+    """Return the tensions to go through; refuse them where no ropes pull against each other."""
+    if asked and not (mechanism.surplus and tension_columns(mechanism)):
+        raise BadInput("no ropes of this machine pull against each other",
+                       f"{source}: conditions.tension",
+                       "Take it out; where ropes are not more than freedoms `payload` pulls them")
+    return tuple(asked)
 
 
 def _pairs(file: ScenarioFile, source: str) -> bool:
@@ -163,7 +176,7 @@ def _listed(path: Path, mechanism: Mechanism) -> Listed:
     """Return the poses of a CSV with the settings under which each is measured."""
     table = read_poses(path, mechanism)
     names = [*(f"{what}_{a}" for what in ("dir", "vel") for a in mechanism.actuators),
-             "payload", "temperature"]
+             *tension_columns(mechanism), "payload", "temperature"]
     columns = {n: table.environment[n] for n in names if n in table.environment}
     for name, values in columns.items():
         empty = np.flatnonzero(~np.isfinite(values))

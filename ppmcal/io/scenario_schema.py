@@ -12,6 +12,7 @@ from ppmcal.io.schema import (
     FRACTION,
     PAYLOAD,
     SEED,
+    TENSION,
     Count,
     Label,
     Number,
@@ -178,11 +179,18 @@ def _loads(value: object) -> object:
     return [PAYLOAD(v) for v in values]
 
 
+def _tensions(value: object) -> object:
+    values = value if isinstance(value, list) else [value]
+    return [TENSION(v) for v in values]
+
+
 class ConditionsFile(Strict):
     """Loads to go through, the temperature's course, and joint speeds at the trigger."""
 
     payload: Annotated[list[float], BeforeValidator(_loads)] = Field(default_factory=list)
     """Payloads to go through, kg."""
+    tension: Annotated[list[float], BeforeValidator(_tensions)] = Field(default_factory=list)
+    """Mean tensions to go through with which ropes are pulled tight without a load, N."""
     temperature: Annotated[TemperatureFile, BeforeValidator(
         lambda v: {"mean": v} if isinstance(v, int | float) else v)] | None = None
     """Course of the temperature, or its mean."""

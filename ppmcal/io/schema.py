@@ -131,6 +131,7 @@ CORRELATION = numbers(lambda v: -1 < v < 1, "a correlation", "Write a number bet
 ROW_COUNT = numbers(lambda v: abs(v) <= 1_000_000, "a number of rows",
                     "Write a whole number such as 1", int)
 PULSES = numbers(lambda v: 0 < v < 1e12, "a number of counts", "Write a positive number")
+TENSION = numbers(lambda v: 0 < v < 1e12, "a tension", "Write N, above 0: [20, 80]")
 PAYLOAD = numbers(lambda v: 0 <= v < 1e300, "a payload", "Write kg, 0 or more: [0, 20]")
 _DEVIATION = (lambda v: v >= 0.0, "a standard deviation",
               "Write a number of 0 or more, or .inf for no prior")

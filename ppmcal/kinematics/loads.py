@@ -8,8 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.kinematics.closure import Closure, Model
-from ppmcal.kinematics.least_squares_closure import held_by
-from ppmcal.linalg import Array, finite_rows, solve_rows
+from ppmcal.kinematics.least_squares_closure import held_by, surplus
+from ppmcal.linalg import Array, Bools, finite_rows, solve_rows
+from ppmcal.model.mechanism import Mechanism
+
+EVEN = 0.05
+"""Tensions without a load whose mean is below this part of their size are no tension."""
 
 
 def loads(model: Model, q: Array, pose: Array, wrench: Array) -> Array:
@@ -75,6 +79,44 @@ def rope_tensions(model: Model, q: Array, pose: Array, wrench: Array, measured: 
     else:
         by_load = loads(model, q, pose, wrench)
     return by_load if measured is None else np.where(np.isfinite(measured), measured, by_load)
+
+
+def only_pull(mechanism: Mechanism) -> Bools:
+    """Return which equations are those of ropes (m,)."""
+    return np.array([limb.kind.pulls_only for limb in mechanism.limbs
+                     for _ in range(limb.kind.surface.equations)])
+
+
+def even_tension(mechanism: Mechanism, a: Array, ropes: Bools, tension: float) -> Array:
+    """Return forces (N, m) that balance each other with ropes as even as may be, N.
+
+    Their mean is ``tension``; nan where ropes cannot pull against each other.
+    """
+    basis = surplus(mechanism, a)
+    even = (basis @ np.swapaxes(basis, -1, -2) @ ropes.astype(float)[..., None])[..., 0]
+    mean = even[:, ropes].mean(axis=1)
+    factor = np.where(mean > EVEN, tension / np.where(mean > EVEN, mean, 1.0), np.nan)
+    return np.asarray(even * factor[:, None])
+
+
+def pretensions(model: Model, q: Array, pose: Array) -> Array:
+    """Return the tensions (N, k) of drives whose ropes pull evenly by 1 in the mean, no load.
+
+    nan where they cannot pull against each other, and of other drives than ropes'.
+    """
+    mechanism = model.mechanism
+    out = np.full((q.shape[0], len(mechanism.actuators)), np.nan)
+    rows = np.flatnonzero(finite_rows(q) & finite_rows(pose))
+    ropes = [limb.actuator for limb in mechanism.limbs if limb.kind.pulls_only]
+    if rows.size and ropes and mechanism.surplus:
+        closure = model.take(rows).closure(q[rows])
+        lines = closure.lines(pose[rows])
+        force = even_tension(mechanism, closure.pose_matrix(pose[rows], lines),
+                             only_pull(mechanism), 1.0)
+        drives = -np.swapaxes(closure.joint_matrix(pose[rows], lines, drive=False), -1, -2)
+        on = np.isin(np.arange(out.shape[1]), ropes)
+        out[rows] = np.where(on, (drives @ force[..., None])[..., 0], np.nan)
+    return out
 
 
 def spans(model: Model, q: Array, pose: Array) -> Array:

@@ -23,11 +23,17 @@ def missing_columns(mechanism: Mechanism, rows: Environment) -> Sequence[str]:
     out: list[str] = []
     for effect in mechanism.effects:
         on = [a for a, used in enumerate(effect.on) if used]
-        needs = _needs(mechanism, effect)
-        if rows.tension is None and not mechanism.surplus:     # then the load says it
-            needs = tuple("load" if n == "tension" else n for n in needs)
+        needs = by_load(_needs(mechanism, effect), mechanism, rows)
         out += lacking(needs, [mechanism.actuators[a] for a in on], on, rows)
     return tuple(dict.fromkeys(out))
+
+
+def by_load(needs: Sequence[str], mechanism: Mechanism, rows: Environment | None = None
+            ) -> tuple[str, ...]:
+    """Return what is needed, the load for tensions that no row has where it says them."""
+    if mechanism.surplus or (rows is not None and rows.tension is not None):
+        return tuple(needs)
+    return tuple("load" if n == "tension" else n for n in needs)
 
 
 def remembers(mechanism: Mechanism) -> bool:

@@ -129,6 +129,7 @@ class Scenario:
             ``t4``.
         repeats: measurements per pose; approach: ``both``, ``sequence`` or ``one``.
         payload: kg, the loads to go through, or empty.
+        tension: N, the mean tensions of ropes to go through, or empty.
         temperature: (mean in K, swing in K) or None.
         velocity: largest speed of each joint at the trigger (k,), 0 where at rest.
         with_effects: the machine with the effects that act on it.
@@ -165,3 +166,4 @@ class Scenario:
     seed: int
     pairs: bool = False
     offset: float = 0.0
+    tension: tuple[float, ...] = ()

@@ -21,6 +21,7 @@ from ppmcal.kinematics.effect_response import with_strokes
 from ppmcal.kinematics.equilibrium import consistent_joints, gaping, reached_poses
 from ppmcal.kinematics.instrument_readings import sensor_turn
 from ppmcal.kinematics.joint_readings import JointReading
+from ppmcal.kinematics.loads import loads, pretensions
 from ppmcal.kinematics.needed_columns import ORDER, missing_columns, remembers
 from ppmcal.kinematics.registration import displaced, predict
 from ppmcal.linalg import Array, Ints, finite_rows
@@ -44,7 +45,8 @@ class Campaign:
     ``value`` a height, distance or a joint's reading (N,), else nan;
     ``to_q`` (N, k) joint values at the other end of a distance between two positions;
     ``direction`` of approach by joint (N, k);
-    ``velocity`` of the joints at the trigger (N, k); ``payload`` kg, ``temperature`` K,
+    ``velocity`` of the joints at the trigger (N, k); ``tension`` of ropes (N, k), N, nan of other
+    joints, or None; ``payload`` kg, ``temperature`` K,
     ``time`` s (N,); ``outlier`` rows; ``with_effects`` the machine with its effects and ``g`` its
     true parameters (P,); ``left_out`` reasons for poses that could not be measured.
     """
@@ -64,6 +66,7 @@ class Campaign:
     g: Array
     left_out: tuple[str, ...]
     to_q: Array | None = None
+    tension: Array | None = None
 
 
 @stage("simulating")
@@ -88,7 +91,7 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
         raise BadInput("one pose has no distance to another", f"{scenario.source}: poses",
                        "Ask for more poses")
     g = true_parameters(mechanism, scenario, rng)
-    order, direction, payload = _visits(q, scenario, rng)
+    order, direction, payload, pull = _visits(q, scenario, rng)
     direction = _own(own, "dir", mechanism, direction, order)
     payload = own["payload"][order] if "payload" in own else payload
     n = order.size
@@ -102,6 +105,9 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
     rows = replace(
         _environment(mechanism, direction, velocity, payload, temperature, time, visited),
         touch=np.full(n, scenario.kind.touches))
+    tension = _tensions(mechanism, q[order], rows, pull, {
+        name: column[order] for name, column in own.items()})
+    rows = replace(rows, tension=tension)
     with_effects = with_strokes(scenario.with_effects, q)
     model = Model(with_effects, g)
     _recorded(with_effects, rows, scenario)
@@ -131,7 +137,8 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
                     payload[keep] if payload is not None else None,
                     temperature[keep] if temperature is not None else None, time[keep],
                     outlier, with_effects, g, tuple(left_out),
-                    there[keep] if scenario.pairs else None)
+                    there[keep] if scenario.pairs else None,
+                    None if tension is None else tension[keep])
 
 
 def _own(own: Mapping[str, Array], what: str, mechanism: Mechanism, rest: Array, order: Ints
@@ -148,6 +155,7 @@ def _once(scenario: Scenario, own: Mapping[str, Array]) -> None:
     """Refuse settings that both the scenario and its file of poses give."""
     twice = {"payload": ("conditions.payload", bool(scenario.payload)),
              "temperature": ("conditions.temperature", scenario.temperature is not None),
+             "tension": ("conditions.tension", bool(scenario.tension)),
              "dir": ("approach", scenario.approach != "one"),
              "vel": ("conditions.velocity", bool(np.any(scenario.velocity)))}
     for name in own:
@@ -229,7 +237,9 @@ def _environment(mechanism: Mechanism, direction: Array, velocity: Array, payloa
 
 def _recorded(with_effects: Mechanism, rows: Environment, scenario: Scenario) -> None:
     """Refuse effects that depend on what the scenario does not set."""
-    hint = {"payload": "conditions: {payload: [0, 20]}",
+    tight = "conditions: {tension: [20, 80]}"
+    hint = {f"tension_{a}": tight for a in with_effects.actuators} | {
+            "payload": "conditions: {payload: [0, 20]}",
             "temperature": "conditions: {temperature: {mean: 20, swing: 4}}"}
     missing = missing_columns(with_effects, rows)
     if ORDER in missing:
@@ -272,10 +282,12 @@ def true_parameters(mechanism: Mechanism, scenario: Scenario, rng: np.random.Gen
 
 
 def _visits(q: Array, scenario: Scenario, rng: np.random.Generator
-            ) -> tuple[Ints, Array, Array | None]:
-    """Return pose label, direction of approach (rows, k) and payload of every row."""
+            ) -> tuple[Ints, Array, Array | None, Array | None]:
+    """Return pose label, direction of approach (rows, k), payload and tension of every row."""
     sides = (1.0, -1.0) if scenario.approach == "both" else (1.0,)
-    loads = scenario.payload or (0.0,)
+    pulls = scenario.tension or (0.0,)
+    # under each payload ropes are pulled by each tension
+    loads = np.repeat(scenario.payload or (0.0,), len(pulls))
     n, k = q.shape
     order = np.repeat(np.arange(n), scenario.repeats * len(sides) * len(loads))
     first = rng.choice([-1.0, 1.0], size=(n, k)) if scenario.approach == "both" else np.ones((n, k))
@@ -286,8 +298,29 @@ def _visits(q: Array, scenario: Scenario, rng: np.random.Generator
         direction = np.ones_like(direction)
         for row in range(1, len(order)):
             direction[row] = np.where(moves[row] == 0.0, direction[row - 1], moves[row])
-    load = np.tile(np.repeat(loads, scenario.repeats * len(sides)), n)
-    return order, direction, load if scenario.payload else None
+    every = scenario.repeats * len(sides)
+    load = np.tile(np.repeat(loads, every), n)
+    pull = np.tile(np.repeat(pulls, every), n * len(scenario.payload or (0.0,)))
+    return (order, direction, load if scenario.payload else None,
+            pull if scenario.tension else None)
+
+
+def _tensions(mechanism: Mechanism, q: Array, rows: Environment, pull: Array | None,
+              own: Mapping[str, Array]) -> Array | None:
+    """Return what force sensors of ropes show (N, k), N, nan of other joints; None: there are none.
+
+    Ropes are pulled tight evenly, by ``pull`` (N,) in the mean, and share the load; ``own``:
+    columns of a file of poses, which say it instead.
+    """
+    if any(name.startswith("tension_") for name in own):
+        blank = np.full(len(q), np.nan)
+        return np.stack([own.get(f"tension_{a}", blank) for a in mechanism.actuators], axis=-1)
+    if pull is None:
+        return None
+    model = Model(replace(mechanism.nominal(), effects=()))
+    pose = reached_poses(model, q).pose
+    load = loads(model, q, pose, rows.wrench) if np.isfinite(rows.wrench).any() else 0.0
+    return np.asarray(pretensions(model, q, pose) * pull[:, None] + load)
 
 
 def _errors(n: int, scenario: Scenario, rng: np.random.Generator

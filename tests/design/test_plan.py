@@ -337,7 +337,8 @@ def test_every_kind_is_planned_or_refused_with_a_reason():
     done = set()
     for name in ("3-RPR", "delta-rotary"):
         mechanism = machine(name)
-        q = pool(name, 20).q
+        at = pool(name, 20)
+        q = at.q
         for kind in effect_kinds():
             asked = PlanSettings((kind,), (1.0, 20.0), (291.15, 299.15))
             try:
@@ -349,8 +350,8 @@ def test_every_kind_is_planned_or_refused_with_a_reason():
             with_effects = with_kinds(mechanism, asked, q)
             assert set(effect_kinds()[kind].needs) <= set(SETTABLE)
             assert {e.kind.name for e in with_effects.effects} == {kind}
-            pose, columns = offered(with_effects, asked, q, 0)
-            assert bool(columns) == bool(needs(asked))
+            pose, columns = offered(with_effects, asked, q, at.pose, 0)
+            assert bool(columns) == bool(needs(asked, with_effects))
             whole = offer(with_effects, default_instrument(mechanism), pool(name, 20), pose,
                           columns)
             assert any(n.startswith(kind) for n in whole.names)

@@ -140,7 +140,7 @@ def test_what_differs_between_sessions_names_its_own_actuator(
         actuators=legs, names=[f"gain.{leg}.gain" for leg in legs],
         parameters=[SimpleNamespace(quantity="number")] * 3,
         units=SimpleNamespace(factor=lambda q: 1.0, name=lambda q: ""))
-    whole = SimpleNamespace(label="gain on leg1, leg2, leg3")
+    whole = SimpleNamespace(label="gain on leg1, leg2, leg3", begins="")
     effects = [NamedEffect("gain", (leg,), (f"gain.{leg}.gain",), 0.9, 1.0, (), (), whole)
                for leg in legs[:2]]
     differs = [SessionEffect(("s", "t"), e.parameters, np.array([[0.1], [0.5]]),

@@ -33,6 +33,8 @@ class PlanArguments(Arguments):
         None, "Payloads that can be put on, kg.", metavar="LOW,HIGH")
     temperature: str | Sequence[float] | None = option(
         None, "Temperatures that can be set, deg C.", metavar="LOW,HIGH")
+    tension: str | Sequence[float] | None = option(
+        None, "Mean tensions by which ropes can be pulled tight, N.", metavar="LOW,HIGH")
     accuracy: float | None = option(
         None, "Wanted standard deviation of position at the tasks, in MECH's length unit.")
     seed: int = seed()

@@ -65,7 +65,8 @@ def run(asked: PlanArguments) -> PlanResult:
                                 if k.strip()))
     settings = PlanSettings(names, _ends(asked.payload, "--payload", "0,20", 0.0),
                             _ends(asked.temperature, "--temperature", "18,26", ABSOLUTE_ZERO,
-                                  -ABSOLUTE_ZERO))
+                                  -ABSOLUTE_ZERO),
+                            _ends(asked.tension, "--tension", "20,80", 0.0))
     chosen = (read_instrument(asked.instrument, machine) if asked.instrument
               else default_instrument(machine))
     given, aims = (None if t is None else (read_poses(t, machine).poses, place_of(t, what))

@@ -12,7 +12,6 @@ import numpy as np
 from ppmcal.commands.inputs import files_of, load
 from ppmcal.commands.result import Result
 from ppmcal.commands.stiffness.options import StiffnessArguments
-from ppmcal.design.statics import only_pull
 from ppmcal.design.stiffness import stiffness_at_home, stiffness_table
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import read_poses
@@ -24,6 +23,7 @@ from ppmcal.io.results.stiffness_tables import (
     force_table,
     share_table,
 )
+from ppmcal.kinematics.loads import only_pull
 from ppmcal.kinematics.region import Grid
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import STANDARD_GRAVITY

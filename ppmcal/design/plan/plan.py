@@ -89,7 +89,7 @@ def plan(mechanism: Mechanism, instrument: Instrument, options: PlanOptions | No
         # held as `identify` holds it: the frame so defined is that of all figures
         mechanism = with_gauge(mechanism, [instrument.dataset(pool.q, pool.pose, {}, nominal)])
     with_effects = with_kinds(mechanism, options.asked, pool.q)
-    pose, columns = offered(with_effects, options.asked, pool.q, options.seed)
+    pose, columns = offered(with_effects, options.asked, pool.q, pool.pose, options.seed)
     start_stage("information of each candidate")
     space = _PoseSpace(nominal, region if not columns else None, instrument, pool,
                        offer(with_effects, instrument, pool, pose, columns), columns)
@@ -123,7 +123,8 @@ def _aims(space: _PoseSpace, options: PlanOptions, tasks: tuple[Array, str] | No
     at = listed(space.nominal, *tasks) if tasks else evenly(
         space.nominal, region_of(space.nominal, space.instrument.kind.inside), TASKS,
         options.seed + 1)
-    pose, columns = offered(space.whole.problem.mechanism, options.asked, at.q, options.seed + 1)
+    pose, columns = offered(space.whole.problem.mechanism, options.asked, at.q, at.pose,
+                            options.seed + 1)
     return _Aims(task_rows(space.whole, space.instrument, at.take(pose), columns), len(at),
                  at.left_out if tasks else {})
 
@@ -310,8 +311,9 @@ def _observed(whole: CandidateInformation, designs: Sequence[Sequence[int]]) -> 
 
 
 def _unused(space: _PoseSpace, asked: PlanSettings) -> tuple[str, ...]:
-    return tuple(n for n, ends in (("payload", asked.payload), ("temperature", asked.temperature))
-                 if ends is not None and n not in space.columns)
+    return tuple(n for n, ends in (("payload", asked.payload), ("temperature", asked.temperature),
+                                   ("tension", asked.tension))
+                 if ends is not None and not any(c.partition("_")[0] == n for c in space.columns))
 
 
 def _open_ended(nominal: Mechanism) -> tuple[str, ...]:

@@ -8,8 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal.errors import BadInput, unknown
+from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import with_strokes
-from ppmcal.kinematics.needed_columns import remembers
+from ppmcal.kinematics.loads import loads, pretensions
+from ppmcal.kinematics.needed_columns import by_load, remembers
+from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.linalg import Array, Ints
 from ppmcal.model.dataset import STANDARD_GRAVITY
 from ppmcal.model.effects import SORTS, EffectKind, EffectParameter, effect_kinds
@@ -26,7 +29,7 @@ from ppmcal.model.mechanism import (
 from ppmcal.model.parameters import free_indices
 
 PLACE = "--for"
-SETTABLE = ("dir", "vel", "load", "wrench", "temperature")
+SETTABLE = ("dir", "vel", "load", "wrench", "temperature", "tension")
 MOST_SETTINGS = 8
 """Settings under which one pose is offered, drawn where there are more."""
 CROSSING = 10.0
@@ -41,18 +44,19 @@ nothing, since only how its effect is spread over the rows counts."""
 class PlanSettings:
     """What the user wants the measurements to show besides geometry.
 
-    ``kinds`` of effects; ``payload`` kg and ``temperature`` K: the two ends that can be set, or
-    None.
+    ``kinds`` of effects; ``payload`` kg, ``temperature`` K and ``tension``, the mean with which
+    ropes are pulled tight, N: the two ends that can be set, or None.
     """
 
     kinds: tuple[str, ...] = ()
     payload: tuple[float, float] | None = None
     temperature: tuple[float, float] | None = None
+    tension: tuple[float, float] | None = None
 
 
-def needs(asked: PlanSettings) -> set[str]:
+def needs(asked: PlanSettings, mechanism: Mechanism) -> set[str]:
     """Return the columns that the kinds depend on."""
-    return {n for kind in asked.kinds for n in effect_kinds()[kind].needs}
+    return {n for kind in asked.kinds for n in by_load(effect_kinds()[kind].needs, mechanism)}
 
 
 def with_kinds(mechanism: Mechanism, asked: PlanSettings, q: Array) -> Mechanism:
@@ -108,10 +112,12 @@ def _refuse(mechanism: Mechanism, name: str, asked: PlanSettings) -> None:
     if {"order", "past"} & set(kind.needs) or remembers(replace(mechanism, effects=own)):
         raise BadInput(f"{name} cannot be planned for: it depends on the way from pose to pose",
                        PLACE, f"Leave it out, and {kind.remedy}")
-    for need in kind.needs:
-        if need == "tension":
-            raise BadInput(f"{name} cannot be planned for: it depends on the tension of each rope, "
-                           "which no plan sets", PLACE, f"Leave it out, and {kind.remedy}")
+    wanted = by_load(kind.needs, mechanism)
+    for need in wanted:
+        if need == "tension" and asked.tension is None:
+            raise BadInput(f"{name} shows only where ropes are pulled tight by several forces",
+                           PLACE, "Say by which they can be, in the mean, for example "
+                           '--tension "20,80" (N)')
         if need not in SETTABLE:
             raise BadInput(f"{name} cannot be planned for: it depends on {need}, which passes by "
                            "itself", PLACE, "Go back to one pose now and then, and record `time`")
@@ -121,7 +127,7 @@ def _refuse(mechanism: Mechanism, name: str, asked: PlanSettings) -> None:
         if need == "temperature" and asked.temperature is None:
             raise BadInput(f"{name} shows only where the temperature changes", PLACE,
                            'Say between which it can be set, for example --temperature "18,26"')
-    if need_load(kind) and not np.any(mechanism.gravity):
+    if need_load(wanted) and not np.any(mechanism.gravity):
         raise BadInput(f"{name} needs the direction of weight", PLACE, "Give `gravity`")
     bearing = [effect_kinds()[k] for k in asked.kinds if k in effect_kinds()]
     if kind.carried is not None and not any(
@@ -146,9 +152,9 @@ def _refuse(mechanism: Mechanism, name: str, asked: PlanSettings) -> None:
                            f"Remove {name}")
 
 
-def need_load(kind: EffectKind) -> bool:
-    """Whether a kind depends on the payload."""
-    return bool({"load", "wrench"} & set(kind.needs))
+def need_load(needed: Sequence[str]) -> bool:
+    """Whether columns depend on the payload."""
+    return bool({"load", "wrench"} & set(needed))
 
 
 def _must_be_given(spec: EffectParameter) -> bool:
@@ -182,16 +188,16 @@ def _value(
         STIFF * (1.0 if turns else mechanism.reach))
 
 
-def offered(mechanism: Mechanism, asked: PlanSettings, q: Array, seed: int
+def offered(mechanism: Mechanism, asked: PlanSettings, q: Array, pose: Array, seed: int
             ) -> tuple[Ints, dict[str, Array]]:
-    """Return under which settings each pose is offered.
+    """Return under which settings each pose is offered; ``q`` (K, k), ``pose`` (K, 6).
 
     Returns:
         the pose of each row (R,), and its settings by column, SI (R,). Directions of approach
         come in opposite pairs, everything else at its ends.
     """
     rng = np.random.default_rng([seed, 2])
-    wanted = needs(asked)
+    wanted = needs(asked, mechanism)
     count, k = q.shape
     if not wanted:
         return np.arange(count), {}
@@ -201,18 +207,38 @@ def offered(mechanism: Mechanism, asked: PlanSettings, q: Array, seed: int
     pattern = rng.choice([-1.0, 1.0], (count, pairs, k))
     signs = np.concatenate([pattern, -pattern], axis=1)
     chosen = np.array([np.sort(rng.permutation(size)[:MOST_SETTINGS]) for _ in range(count)])
-    pose = np.repeat(np.arange(count), chosen.shape[1])
+    at = np.repeat(np.arange(count), chosen.shape[1])
     which = chosen.ravel()
     level = {n: np.array([one[n] for one in levels])[which % len(levels)] for n in levels[0]}
     columns: dict[str, Array] = {}
     if {"dir", "vel"} & wanted:
-        way = signs[pose, which // len(levels)]
+        way = signs[at, which // len(levels)]
         columns |= {f"dir_{a}": way[:, i] for i, a in enumerate(mechanism.actuators)}
         if "vel" in wanted:
             speed = np.ptp(q, axis=0) / CROSSING
             columns |= {f"vel_{a}": way[:, i] * level["speed"] * speed[i]
                         for i, a in enumerate(mechanism.actuators)}
-    return pose, columns | {n: v for n, v in level.items() if n != "speed"}
+    if "tension" in level:
+        columns |= _pulled(mechanism, q, pose, at, level)
+    return at, columns | {n: v for n, v in level.items() if n not in ("speed", "tension")}
+
+
+def _pulled(mechanism: Mechanism, q: Array, pose: Array, at: Ints, level: Mapping[str, Array]
+            ) -> dict[str, Array]:
+    """Return the tensions (R,) by column of ropes that are pulled tight evenly, and share a load.
+
+    0 where they cannot pull against each other: nothing is to be seen there.
+    """
+    model = Model(replace(mechanism.nominal(), effects=()))
+    here = pose_motor(pose)
+    even = pretensions(model, q, here)
+    ropes = [limb.actuator for limb in mechanism.limbs if limb.kind.pulls_only]
+    out = even[at] * level["tension"][:, None]
+    if "payload" in level:
+        unit = np.concatenate([STANDARD_GRAVITY * mechanism.gravity, np.zeros(3)])
+        out = out + loads(model, q, here, np.tile(unit, (len(q), 1)))[at] * (
+            level["payload"][:, None])
+    return {f"tension_{mechanism.actuators[a]}": np.nan_to_num(out[:, a]) for a in ropes}
 
 
 def _levels(wanted: set[str], asked: PlanSettings) -> list[Mapping[str, float]]:
@@ -224,6 +250,8 @@ def _levels(wanted: set[str], asked: PlanSettings) -> list[Mapping[str, float]]:
         ends["temperature"] = asked.temperature
     if "vel" in wanted:
         ends["speed"] = (SLOWER, 1.0)
+    if "tension" in wanted and asked.tension:
+        ends["tension"] = asked.tension
     out: list[Mapping[str, float]] = [{}]
     for name, values in ends.items():
         out = [{**one, name: v} for one in out for v in values]

@@ -30,6 +30,7 @@ def pose_table(plan: Plan) -> dict[str, Any]:
               if f"dir_{a}" in given}
     table |= {f"vel_{a}": given[f"vel_{a}"] / factor for a, (factor, _) in
               zip(mechanism.actuators, mechanism.joint_units, strict=True) if f"vel_{a}" in given}
+    table |= {n: v for n, v in given.items() if n.startswith("tension_")}
     if "payload" in given:
         table["payload"] = given["payload"]
     if "temperature" in given:
@@ -61,6 +62,7 @@ def column_units(plan: Plan) -> dict[str, str]:
     """Return the unit of every column of both tables that has one."""
     mechanism, poses = plan.mechanism, pose_table(plan)
     more = {"payload": "kg", "temperature": "deg C", "travel": "joint ranges"}
+    more |= {f"tension_{a}": "N" for a in mechanism.actuators}
     more |= {f"vel_{a}": f"{u or 'unit'}/s" for a, (_, u) in zip(
         mechanism.actuators, mechanism.joint_units, strict=True)}
     return {**unit_map(mechanism, [*poses, *(c.name for c in accuracy_table(plan))]),

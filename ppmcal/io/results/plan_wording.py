@@ -154,6 +154,9 @@ def settings(plan: Plan) -> list[str]:
                    "downward).")
     if any(n.startswith("vel_") for n in plan.columns):
         out.append("Trigger while the joints move at the speeds of the vel_ columns.")
+    if any(n.startswith("tension_") for n in plan.columns):
+        out.append("Pull ropes tight by the forces of the tension_ columns (N), and record what "
+                   "they are.")
     for name, unit in (("payload", "kg"), ("temperature", "deg C")):
         if name in plan.columns:
             values, counts = np.unique(plan.columns[name] - (

@@ -87,6 +87,9 @@ def files(mechanism: Mechanism, scenario: Scenario, campaign: Campaign, name: st
                for i, a in enumerate(mechanism.actuators)}
     if campaign.velocity is not None:
         header |= joint_columns(mechanism, campaign.velocity, "vel_{}")
+    if campaign.tension is not None:
+        header |= {f"tension_{a}": column for a, column in zip(
+            mechanism.actuators, campaign.tension.T, strict=True) if np.isfinite(column).any()}
     if campaign.payload is not None:
         header["payload"] = campaign.payload
     if campaign.temperature is not None:

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ppmcal.design.statics import only_pull
 from ppmcal.design.stiffness import Home, Principal, Stiffnesses
 from ppmcal.io.results.stiffness_tables import AppliedLoad, StiffnessStudy
+from ppmcal.kinematics.loads import only_pull
 from ppmcal.kinematics.tables import SINGULAR_HOME, home_singular_value
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism

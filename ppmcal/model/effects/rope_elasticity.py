@@ -56,5 +56,5 @@ ROPE_ELASTICITY = register(EffectKind(
     remedy="record the tension of each rope",
     worked=Worked({"elongation": 1e-5, "weight": 0.3},
                   {"travel": 2.0, "pull": 50.0, "span": 1.5}, 1e-3 - 0.3**2 * 1.5**2 * 2.0 / 6e4),
-    joints="ropes", uses_load=True, variants=lambda motion: (), known=(KnownRange(
+    joints="ropes", uses_load=True, known=(KnownRange(
         "tension", "N", 0.0, np.inf, 0.0, lambda setting: setting.tension),)))
