@@ -30,6 +30,8 @@ COMPILING = "compiling what takes many rows, some 15 s, once"
 
 part = numba.njit(error_model="numpy", nogil=True, forceinline=True)
 """A piece of compiled functions. No sum is reordered (no fast-math)."""
+called = numba.njit(error_model="numpy", nogil=True)
+"""A piece that few machines need, and too large to be in each of these functions."""
 
 
 def compiled(function: Function) -> Function:

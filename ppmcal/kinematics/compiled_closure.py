@@ -24,12 +24,12 @@ from ppmcal.kinematics.compiled_algebra import (
     solve_transposed,
     unpack,
 )
+from ppmcal.kinematics.compiled_pulley import over_pulley_at
 from ppmcal.kinematics.limb_tables import EntryTables, LimbTables
 from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.limbs.surfaces import LEVER
 
-SPHERE, BASE_PLANE, PLATFORM_PLANE, ANGLE = 0, 1, 2, 3
-"""The form behind these is `between axes`: an angle whose first axis turns with the rod."""
+SPHERE, BASE_PLANE, PLATFORM_PLANE, ANGLE, BETWEEN_AXES, OVER_SHEAVE, OVER_SWIVEL = range(7)
 STILL, SLIDES, TURNS = 0, 1, 2
 BLOCK = 8
 """Rows whose pairings are made together, so that one instruction serves several."""
@@ -56,7 +56,10 @@ def chains_at(limbs: LimbTables, u: Array, chain: Array) -> None:
 
 @part
 def sizes_at(limbs: LimbTables, chain: Array, size: Array) -> None:
-    """Fill of each equation (d, 2) its radius and one over it, 1 where there is none."""
+    """Fill of each equation (d, 3) its radius and one over it, 1 where there is none.
+
+    Of ropes over pulleys these, and the third, depend on the pose: :func:`over_pulley_at`.
+    """
     for e in range(limbs.form.shape[0]):
         mid = chain[limbs.limb[e], 1]
         r = 0.0
@@ -76,6 +79,10 @@ def equations_at(limbs: LimbTables, chain: Array, size: Array, R: Array, t: Arra
         z = R[6] * end[9] + R[7] * end[10] + R[8] * end[11] + t[2]
         for e in range(limbs.first[leg], limbs.first[leg + 1]):
             a = limbs.axis[e]
+            if limbs.form[e] >= OVER_SHEAVE:
+                over_pulley_at(base, mid[9 + a], limbs.wheel[leg], limbs.form[e] == OVER_SWIVEL,
+                               x, y, z, c, line, size, e)
+                continue
             if limbs.form[e] >= ANGLE:
                 direction_at(base, end, R, a, limbs.other[e], float(limbs.form[e] - ANGLE), x, y, z,
                              c, line, e)
@@ -133,7 +140,10 @@ def direction_at(base: Array, end: Array, R: Array, i: int, j: int, meet: float,
 
 @part
 def middles_at(limbs: LimbTables, chain: Array, size: Array, middle: Array) -> None:
-    """Fill each equation's line in the middle chain's root axes (d, 6)."""
+    """Fill each equation's line in the middle chain's root axes (d, 6).
+
+    Of a rope over a pulley its moment about itself is the pulley's: what c loses as that grows.
+    """
     for e in range(limbs.form.shape[0]):
         mid, a = chain[limbs.limb[e], 1], limbs.axis[e]
         for i in range(6):
@@ -149,6 +159,8 @@ def middles_at(limbs: LimbTables, chain: Array, size: Array, middle: Array) -> N
         elif limbs.form[e] == PLATFORM_PLANE:
             for i in range(3):
                 middle[e, i] = mid[3 * i + a]
+        elif limbs.form[e] >= OVER_SHEAVE:
+            middle[e, a], middle[e, 3 + a] = 1.0, size[e, 2]
 
 
 @part
@@ -181,7 +193,7 @@ def newton_rows(limbs: LimbTables, u: Array, pose: Array, scale: float, reach: f
     converged = np.zeros(count, dtype=np.bool_)
     sizes, signs = np.zeros((count, 2)), np.zeros((count, 2))
     chain = limbs.ends[:, :, 0].copy()
-    c, line, size_of = np.empty(d), np.empty((d, 6)), np.empty((d, 2))
+    c, line, size_of = np.empty(d), np.empty((d, 6)), np.empty((d, 3))
     A, order, step = np.empty((d, d)), np.empty(d, dtype=np.int64), np.empty(6)
     quaternion, body = np.empty(4), np.empty(12)
     R, t = body[:9], body[9:]
@@ -331,7 +343,7 @@ def fill_columns(limbs: LimbTables, entries: EntryTables, u: Array, q: Array, po
     count, m, d = out.shape[0], out.shape[1], limbs.dof.shape[0]
     chain = limbs.ends[:, :, 0].copy()
     c, line, middle, size_of = (np.empty(d), np.empty((d, 6)), np.empty((d, 6)),
-                                np.empty((d, 2)))
+                                np.empty((d, 3)))
     A, order = np.empty((d, d)), np.empty(d, dtype=np.int64)
     quaternion, body = np.empty(4), np.empty(12)
     R, t = body[:9], body[9:]

@@ -10,7 +10,7 @@ that changes a length from row to row), the NumPy path of :mod:`closure` is take
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Closure
 from ppmcal.kinematics.entry_tables import entry_tables
 from ppmcal.kinematics.least_squares_closure import EXACT, SMALL
+from ppmcal.kinematics.limb_groups import LimbGroup
 from ppmcal.kinematics.limb_tables import EntryTables, LimbTables
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.limbs.chain import U, cross_matrix
@@ -27,7 +28,10 @@ from ppmcal.model.mechanism import Mechanism
 MANY = 1000
 """From so many rows on the compiled path pays for its import, half a second with what is kept."""
 FORMS = {"sphere": 0, "base plane": 1, "platform plane": 2, "angle": 3,
-         "between axes": 4}
+         "between axes": 4, "over sheave": 5, "over swivel": 6}
+OVER = ("over sheave", "over swivel")
+ROUND = ("sphere", *OVER)
+"""Forms of equations whose second derivative by the pose is that of a sphere."""
 STILL, SLIDES, TURNS = 0, 1, 2
 CHAINS = 3
 
@@ -132,17 +136,19 @@ def compiled_limbs(closure: Closure, rows: int) -> CompiledLimbs | None:
     count = len(mechanism.limbs)
     ends, drive = np.zeros((count, CHAINS, 3, 12)), np.zeros((count, CHAINS), dtype=np.int64)
     form, axis, other = np.zeros((3, int(first[-1])), dtype=np.int64)
+    wheel = np.zeros(count)
     u = np.zeros((max(g.values[U].shape[0] for g in closure.groups if g.kind.driven), count))
     every = []
     for group in closure.groups:
         kind, own = group.kind, list(group.limbs)
         forms = kind.surface.forms
-        offset = group.turning and kind.is_turned(group.values, group.wanted)
-        if offset or group.pose is not None or not forms or any(
-                f.name not in FORMS for f in forms):
+        if not _has_form(group):
             return None
         parts = [cut_at_drive(chain, group.values, group.wanted, len(own))
                  for chain in (kind.base, kind.middle, kind.platform)]
+        if kind.pulley:
+            wheel[own] = group.values[kind.pulley.radius][0]
+            parts[1] = parts[1] and _with_wheel(parts[1], kind.pulley.radius, forms[0].axis)
         chains = tuple(p for p in parts if p is not None)
         moved = [m for m in map(_ends, chains) if m is not None]
         if len(moved) < CHAINS:
@@ -155,15 +161,37 @@ def compiled_limbs(closure: Closure, rows: int) -> CompiledLimbs | None:
             u[:, own] = group.values[U]
         every.append(chains)
     tables = LimbTables(ends, drive, first, np.repeat(np.arange(count), np.diff(first)), form, axis,
-                        other, np.array(mechanism.dof))
+                        other, np.array(mechanism.dof), wheel)
     return CompiledLimbs(closure, tables, u, tuple(every))
 
 
 def _each_driven(mechanism: Mechanism) -> bool:
-    """Whether each limb is one sphere with a drive of its own."""
+    """Whether each limb is one sphere, or as good as one, with a drive of its own."""
     drives = [limb.actuator for limb in mechanism.limbs]
     return len(set(drives)) == len(drives) and all(
-        [f.name for f in limb.kind.surface.forms] == ["sphere"] for limb in mechanism.limbs)
+        len(limb.kind.surface.forms) == 1 and limb.kind.surface.forms[0].name in ROUND
+        for limb in mechanism.limbs)
+
+
+def _has_form(group: LimbGroup) -> bool:
+    """Whether limbs follow the pose in no way but that of the pulleys that loops know."""
+    kind, forms = group.kind, group.kind.surface.forms
+    if group.pose is not None or not forms or any(f.name not in FORMS for f in forms):
+        return False
+    over = any(f.name in OVER for f in forms)
+    if kind.pulley is None or not over:
+        return not over and not (group.turning and kind.is_turned(group.values, group.wanted))
+    return len(np.asarray(group.values[kind.pulley.radius])) == 1
+
+
+def _with_wheel(rope: DrivenChain, radius: str, axis: int) -> DrivenChain:
+    """Return a rope's chain with its pulley's radius, as a turn about the rope.
+
+    There it stands for what the pose decides: the rope's line has a moment about itself which is
+    what a larger pulley takes from c (:func:`compiled_closure.middles_at`).
+    """
+    turn = np.broadcast_to(np.eye(6)[axis], rope.drive.shape)
+    return replace(rope, still={**rope.still, radius: turn})
 
 
 def _ends(chain: DrivenChain) -> tuple[int, Array] | None:

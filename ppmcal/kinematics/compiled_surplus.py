@@ -21,6 +21,7 @@ from ppmcal.kinematics.compiled_algebra import (
 )
 from ppmcal.kinematics.compiled_closure import (
     SAME,
+    SPHERE,
     STILL,
     TURNS,
     chains_at,
@@ -35,7 +36,10 @@ from ppmcal.linalg import Array, Bools, Ints
 @part
 def rates_at(limbs: LimbTables, u: Array, chain: Array, size: Array, R: Array, line: Array,
              rate: Array) -> None:
-    """Fill dc/du (m,) of spheres, each by its limb's own joint coordinate, at a rotation R (9,)."""
+    """Fill dc/du (m,) of spheres and ropes at a rotation R (9,).
+
+    Each by its limb's own joint coordinate.
+    """
     for e in range(limbs.form.shape[0]):
         leg = limbs.limb[e]
         rate[e] = 0.0
@@ -50,7 +54,11 @@ def rates_at(limbs: LimbTables, u: Array, chain: Array, size: Array, R: Array, l
                 if k == 0:
                     rate[e] -= line[e, i] * moved
                 elif k == 1:
-                    rate[e] -= chain[leg, 1, 9 + i] * size[e, 1] * moved
+                    if limbs.form[e] == SPHERE:
+                        moved *= chain[leg, 1, 9 + i] * size[e, 1]
+                    elif limbs.axis[e] != i:    # of a rope over a pulley along itself
+                        moved = 0.0
+                    rate[e] -= moved
                 else:
                     rate[e] += (line[e, 0] * R[i] + line[e, 1] * R[3 + i]
                                 + line[e, 2] * R[6 + i]) * moved
@@ -170,7 +178,7 @@ def newton_rows(limbs: LimbTables, u: Array, pose: Array, scale: float, reach: f
     count, m, d = pose.shape[0], limbs.form.shape[0], limbs.dof.shape[0]
     converged, sizes = np.zeros(count, dtype=np.bool_), np.zeros((count, 2))
     chain = limbs.ends[:, :, 0].copy()
-    c, line, size_of, rate = np.empty(m), np.empty((m, 6)), np.empty((m, 2)), np.empty(m)
+    c, line, size_of, rate = np.empty(m), np.empty((m, 6)), np.empty((m, 3)), np.empty(m)
     A, weight, force = np.empty((m, d)), np.empty(m), np.empty(m)
     N, bent, g = np.empty((d, d)), np.empty((d, d)), np.empty(d)
     order, other = np.empty(d, dtype=np.int64), np.empty(d, dtype=np.int64)
@@ -241,7 +249,7 @@ def gap_squares(limbs: LimbTables, u: Array, pose: Array) -> Array:
     """Return the sum of the squared gaps, as true lengths, of each row (N,); m^2."""
     m = limbs.form.shape[0]
     out, chain = np.zeros(pose.shape[0]), limbs.ends[:, :, 0].copy()
-    c, line, size_of = np.empty(m), np.empty((m, 6)), np.empty((m, 2))
+    c, line, size_of = np.empty(m), np.empty((m, 6)), np.empty((m, 3))
     quaternion, body = np.empty(4), np.empty(12)
     R, t = body[:9], body[9:]
     for n in range(pose.shape[0]):

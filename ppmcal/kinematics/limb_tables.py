@@ -13,7 +13,7 @@ class LimbTables(NamedTuple):
     ``ends`` (L, 3, 3, 12): a chain ends at ends[0] + f ends[1] + g ends[2], a rotation row by row
     and a translation, with (f, g) by ``drive`` (L, 3): nothing, (u, 0) or (cos u, sin u).
     ``first`` (L + 1,): first equation of each limb; ``limb``, ``form``, ``axis``, ``other`` (d,) of
-    each equation; ``dof`` (d,): coordinates of the pose.
+    each equation; ``dof`` (d,): coordinates of the pose; ``wheel`` (L,): radii of pulleys, m.
     """
 
     ends: Array
@@ -24,6 +24,7 @@ class LimbTables(NamedTuple):
     axis: Ints
     other: Ints
     dof: Ints
+    wheel: Array
 
 
 class EntryTables(NamedTuple):

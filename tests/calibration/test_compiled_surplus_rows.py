@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
+from helpers.diagnoses import CONFIGS
 from helpers.redundant import belts, cables, gapped, machine, rope_cage, stewart
 
 from ppmcal.calibration.fit import column_scale
@@ -20,6 +22,21 @@ from ppmcal.model.instruments import find_instrument
 from ppmcal.model.registration import Registration
 
 COUNT, JOINT, PLACE, TURN = 43, 2e-4, 1e-4, 5e-4
+
+
+def over_pulleys(name):
+    """Return the file of a machine on ropes over pulleys.
+
+    Swivels slant: about an upright one a turn about z moves nothing, and its column is round-off.
+    """
+    tree = yaml.safe_load((CONFIGS / f"{name}.yaml").read_text(encoding="utf-8"))
+    tree.pop("limits", None)
+    for limb in tree["limbs"]:
+        if "swivel_pulley" in limb["base"]:
+            limb["base"]["swivel_pulley"]["axis"] = [0.1, -0.2, 1.0]
+    return tree
+
+
 CASES = {
     "cables, pose": (cables, "pose", ("frame", "target", "homing")),
     "cables alone": (cables, "none", ()),
@@ -30,6 +47,10 @@ CASES = {
     "legs, position": (stewart, "position", ("frame", "target", "scale")),
     "legs alone": (stewart, "none", ()),
     "cage that gaps": (lambda: gapped(rope_cage()), "pose", ("frame", "target", "homing")),
+    "pulleys in the plane, pose": (lambda: over_pulleys("cable-4-pulleys"), "pose",
+                                   ("frame", "target", "homing")),
+    "pulleys, pose": (lambda: over_pulleys("cable-8-pulleys"), "pose", ("frame", "target")),
+    "pulleys alone": (lambda: over_pulleys("cable-8-pulleys"), "none", ()),
     "belts of which one gaps": (lambda: gapped(belts(), (0.4, 0.0, 0.0, 0.0)), "none", ()),
 }
 

@@ -26,10 +26,19 @@ def cranks():
     return tree
 
 
+def over_pulleys(name):
+    """Return the file of a machine on ropes over pulleys."""
+    tree = yaml.safe_load((CONFIGS / f"{name}.yaml").read_text(encoding="utf-8"))
+    tree.pop("limits", None)
+    return tree
+
+
 @pytest.fixture(scope="module", params=[
     cables, stewart, rope_cage, belts, cranks, lambda: gapped(stewart()),
-    lambda: gapped(cranks(), (0.3, 0.0))], ids=[
-        "cables", "stewart", "cage", "belts", "cranks", "stewart that gaps", "cranks, some gap"])
+    lambda: gapped(cranks(), (0.3, 0.0)), lambda: over_pulleys("cable-4-pulleys"),
+    lambda: over_pulleys("cable-8-pulleys")], ids=[
+        "cables", "stewart", "cage", "belts", "cranks", "stewart that gaps", "cranks, some gap",
+        "pulleys in the plane", "pulleys"])
 def rows(request, tmp_path_factory):
     """A model off its nominal values, joint values that contradict each other, and poses."""
     mechanism = machine(tmp_path_factory.mktemp("m"), request.param())

@@ -16,7 +16,6 @@ from ppmcal.io import read_mechanism
 from ppmcal.io.json_schema import file_schema
 from ppmcal.io.mechanism_writer import write_mechanism
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.compiled_limbs import MANY, compiled_limbs
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state, inverse
 from ppmcal.kinematics.loads import limb_forces
@@ -146,12 +145,6 @@ def test_the_force_on_a_pulley_is_that_of_the_rope() -> None:
     wrench = np.tile([30.0, 20.0, -100.0, 1.0, -2.0, 5.0], (5, 1))
     np.testing.assert_allclose(limb_forces(model, q, pose, wrench).sum(axis=1), wrench[:, :3],
                                rtol=0.0, atol=1e-10)
-
-
-def test_many_rows_go_the_general_way() -> None:
-    model, q, _ = sample("cable-4-pulleys")
-    closure = model.closure(np.resize(q, (2 * MANY, q.shape[1])))
-    assert compiled_limbs(closure, 2 * MANY) is None
 
 
 def test_a_point_inside_the_pulley_cannot_be_reached() -> None:

@@ -276,7 +276,7 @@ def white_rows(limbs: LimbTables, entries: EntryTables, sight: InstrumentTables,
     rows, m, d = pose.shape[0], sight.coordinates.shape[0], limbs.dof.shape[0]
     count, rest, summing = entries.place.shape[0], columns.shape[0], out.shape[0] == 0
     sums, across = np.zeros((count + rest, count + rest)), np.zeros((4, count + rest))
-    chain, size, c = limbs.ends[:, :, 0].copy(), np.empty((d, 2)), np.empty(d)
+    chain, size, c = limbs.ends[:, :, 0].copy(), np.empty((d, 3)), np.empty(d)
     line, middle, A = np.empty((d, 6)), np.empty((d, 6)), np.empty((d, d))
     order, rotor, body = np.empty(d, dtype=np.int64), np.empty(4), np.empty(12)
     R, t, arm, point, turned = body[:9], body[9:], np.empty(3), np.empty(3), np.zeros(3)

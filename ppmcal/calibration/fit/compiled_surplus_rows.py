@@ -125,7 +125,7 @@ def likely_rows(limbs: LimbTables, sight: InstrumentTables, noise: Array, gaps: 
     """
     count, m, d, k = pose.shape[0], limbs.form.shape[0], limbs.dof.shape[0], white.shape[1]
     out, f = np.full(count, math.nan), sight.parts.shape[0]
-    chain, size, c = limbs.ends[:, :, 0].copy(), np.empty((m, 2)), np.empty(m)
+    chain, size, c = limbs.ends[:, :, 0].copy(), np.empty((m, 3)), np.empty(m)
     line, A, rate, own = np.empty((m, 6)), np.empty((m, d)), np.empty(m), np.empty(m)
     rotor, body, best = np.empty(4), np.empty(12), np.empty(8)
     R, t, arm, point, turned = body[:9], body[9:], np.empty(3), np.empty(3), np.zeros(3)
@@ -187,7 +187,7 @@ def white_rows(limbs: LimbTables, entries: EntryTables, sight: InstrumentTables,
     count, rest, summing = entries.place.shape[0], columns.shape[0], out.shape[0] == 0
     left = m + k - d
     sums, across = np.zeros((count + rest, count + rest)), np.zeros((4, count + rest))
-    chain, size, c = limbs.ends[:, :, 0].copy(), np.empty((m, 2)), np.empty(m)
+    chain, size, c = limbs.ends[:, :, 0].copy(), np.empty((m, 3)), np.empty(m)
     line, middle, A = np.empty((m, 6)), np.empty((m, 6)), np.empty((m, d))
     rate, own, rotor, body = np.empty(m), np.empty(m), np.empty(4), np.empty(12)
     R, t, arm, point, turned = body[:9], body[9:], np.empty(3), np.empty(3), np.zeros(3)

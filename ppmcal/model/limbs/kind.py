@@ -64,7 +64,9 @@ class EquationForm:
     ``name``: ``sphere``, centred at the end of the base chain; ``base plane``, square to the local
     ``axis`` (0, 1, 2: x, y, z) of the base chain's end; ``platform plane``, of the platform's;
     ``angle``, the local ``axis`` of the base chain's end square to ``other`` of the platform's;
-    ``between axes``, both of these in one plane with the line between the ends of the chains.
+    ``between axes``, both of these in one plane with the line between the ends of the chains;
+    ``over sheave`` and ``over swivel``, a rope from the kind's pulley, whose axis is z of where the
+    base chain ends without it, or which turns about that; the rope is the middle chain's ``axis``.
     """
 
     name: str

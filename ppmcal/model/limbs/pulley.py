@@ -14,7 +14,8 @@ part f lies in that plane. Then t is not stationary. The derivative is the line 
 k = r (l - f)/f: less than 1 mm beside E for a sheave of 50 mm that is left at 10 degrees.
 
 Either way c = |X - E| + r w - u is told as a sphere about E + k n which has that value and that
-derivative at X (:data:`surfaces.OVER_PULLEY`), whether the limb closes or not.
+derivative at X (:data:`surfaces.OVER_SHEAVE`, :data:`surfaces.OVER_SWIVEL`), whether the limb
+closes or not.
 """
 
 from __future__ import annotations

@@ -8,14 +8,14 @@ always paid out, or never counted. In files all of them are called ``rope``; the
 from __future__ import annotations
 
 from ppmcal.model.limbs.chain import Chain, U, shift, slide
-from ppmcal.model.limbs.kind import LimbKind, register
+from ppmcal.model.limbs.kind import LimbKind, Surface, register
 from ppmcal.model.limbs.pulley import SHEAVE, SWIVELLING, Pulley, over_sheave, over_swivel
-from ppmcal.model.limbs.surfaces import OVER_PULLEY, OVER_PULLEY_IN_PLANE, SPHERE
+from ppmcal.model.limbs.surfaces import OVER_SHEAVE, OVER_SHEAVE_IN_PLANE, OVER_SWIVEL, SPHERE
 
 
-def _rope(name: str, planar: bool, base: Chain, middle: Chain, pulley: Pulley | None = None,
-          closes_when: str = "|B-A| = u", source: str = "[IK] eq. 42 without joints") -> LimbKind:
-    surface = SPHERE if pulley is None else OVER_PULLEY_IN_PLANE if planar else OVER_PULLEY
+def _rope(name: str, planar: bool, base: Chain, middle: Chain, surface: Surface = SPHERE,
+          pulley: Pulley | None = None, closes_when: str = "|B-A| = u",
+          source: str = "[IK] eq. 42 without joints") -> LimbKind:
     return LimbKind(
         name, planar, surface, base=base, middle=middle,
         platform=Chain((shift("platform.point", planar=planar),)),
@@ -31,6 +31,8 @@ for _planar in (True, False):
     _name = "planar rope" if _planar else "rope"
     register(_rope(_name, _planar, Chain((shift("base.point", planar=_planar),)),
                    Chain((slide(U, "x" if _planar else "z"),))))
-    register(_rope(f"{_name} over a pulley", _planar, *over_sheave(_planar), SHEAVE, OVER, SOURCE))
+    register(_rope(f"{_name} over a pulley", _planar, *over_sheave(_planar),
+                   OVER_SHEAVE_IN_PLANE if _planar else OVER_SHEAVE, SHEAVE, OVER, SOURCE))
 
-register(_rope("rope over a swivel pulley", False, *over_swivel(), SWIVELLING, OVER, SOURCE))
+register(_rope("rope over a swivel pulley", False, *over_swivel(), OVER_SWIVEL, SWIVELLING, OVER,
+               SOURCE))

@@ -193,6 +193,7 @@ HELD_SLIDE = Surface(
 SPHERE_BETWEEN_AXES = Surface("sphere between axes", (True, True), _sphere_between_axes,
                               (_ROD, _BETWEEN), turns=True)
 BETWEEN_AXES = Surface("between axes", (True,), _between_axes, (_BETWEEN,), turns=True)
-OVER_PULLEY, OVER_PULLEY_IN_PLANE = (
-    Surface("rope over a pulley", (True,), partial(_over_pulley, axis=axis), turns=True)
-    for axis in (Z, X))
+OVER_SHEAVE, OVER_SHEAVE_IN_PLANE, OVER_SWIVEL = (
+    Surface("rope over a pulley", (True,), partial(_over_pulley, axis=axis),
+            (EquationForm(form, axis),), turns=True)
+    for form, axis in (("over sheave", Z), ("over sheave", X), ("over swivel", Z)))
