@@ -31,6 +31,9 @@ SMALLEST_STEP = 1.0 / 512.0
 NEWTON_STEPS = 25
 STEP = 1e-11
 """Converged: the last step, translations in parts of the length scale, is below this."""
+ON_THE_WAY = 1e-6
+"""The same on the way to a row of a machine with surplus limbs. There limbs contradict each other
+by as much as joints that move in proportion make them, and steps shrink by a constant factor."""
 CLOSED = 1e-12
 """Closed: every misclosure below this part of the reach."""
 STANDS_OUT, STANDS_OUT_ANEW = 3.3e-2, 1e-4
@@ -108,14 +111,15 @@ def forward(model: Model, q: Array, start: Array | None = None, start_q: Array |
     return Forward(result, progress >= 1.0, progress)
 
 
-def least_of_minima(model: Model, q: Array, pose: Array, rare: float = STANDS_OUT_ANEW
-                    ) -> Array:
+def least_of_minima(model: Model, q: Array, pose: Array, rare: float = STANDS_OUT_ANEW,
+                    start: Array | None = None, start_q: Array | None = None) -> Array:
     """Return poses (N, 8) of which far-off rows are where their limbs contradict each other least.
 
     Least squares have minima besides, in which limbs that agree elsewhere are kept apart. As many
     limbs as close the machine exactly lead from home to the right one, unless they meet a
     singularity on the way: several sets of them are tried, for rows that stand out: those whose
-    gaps noise makes as rarely as ``rare``.
+    gaps noise makes as rarely as ``rare``, and those without a pose. ``start`` (N, 8) and
+    ``start_q`` (N, k) are where the way begins, default home.
     """
     of = len(q)
     least = _gap_square(model, q, pose, of)
@@ -128,8 +132,9 @@ def least_of_minima(model: Model, q: Array, pose: Array, rare: float = STANDS_OU
     pose = pose.copy()
     rows = np.flatnonzero(far)
     whole, joints = model.take(rows), q[rows]
+    begin, begin_q = (None if v is None else v[rows] for v in (start, start_q))
     for some in _exact_sets(model.mechanism):
-        found, converged, _ = _by_part(whole, some, joints, of)
+        found, converged, _ = _by_part(whole, some, joints, of, begin, begin_q)
         value = np.where(converged, _gap_square(whole, joints, found, of), np.inf)
         better = value < np.where(np.isfinite(least[rows]), 0.99 * least[rows], np.inf)
         pose[rows[better]], least[rows[better]] = found[better], value[better]
@@ -154,14 +159,16 @@ def _led_by_parts(model: Model, q: Array, of: int) -> Array:
     return out
 
 
-def _by_part(model: Model, some: tuple[int, ...], q: Array, of: int
-             ) -> tuple[Array, Bools, Array]:
+def _by_part(model: Model, some: tuple[int, ...], q: Array, of: int, start: Array | None = None,
+             start_q: Array | None = None) -> tuple[Array, Bools, Array]:
     """Return what :func:`newton` does from where some limbs lead that close the machine exactly."""
     part, driven = with_limbs(model, some)
-    led = forward(part, q[:, driven], of=of).pose
+    led = forward(part, q[:, driven], start, None if start_q is None else start_q[:, driven],
+                  of).pose
     found, converged, contraction = newton(model.closure(q), led, of=of)
-    # a way round by a whole turn comes home with the other sign of the same motor
-    found *= np.where(found[:, :4] @ model.mechanism.home[:4] < 0.0, -1.0, 1.0)[:, None]
+    # a way round by a whole turn comes back with the other sign of the same motor
+    near = model.mechanism.home if start is None else start
+    found *= np.where(np.sum(found[:, :4] * near[..., :4], axis=1) < 0.0, -1.0, 1.0)[:, None]
     return found, converged, contraction
 
 
@@ -222,18 +229,19 @@ def _part_of(mechanism: Mechanism, some: tuple[int, ...]) -> tuple[Mechanism, li
     return part, driven
 
 
-def _attempt(model: Model, q: Array, pose: Array, of: int) -> tuple[Array, Bools]:
+def _attempt(model: Model, q: Array, pose: Array, of: int, smallest: float = STEP
+             ) -> tuple[Array, Bools]:
     """Newton at ``q`` from ``pose``; good rows converged, contracting, on the same side."""
     closure = model.closure(q)
     tables = compiled_limbs(closure, max(of, len(pose)))
     if tables is not None:
-        return _compiled_attempt(tables, pose)
+        return _compiled_attempt(tables, pose, smallest)
     with np.errstate(invalid="ignore"):  # nan where an offset universal joint cannot stand
         c, lines = closure.misclosure_and_lines(pose)
         matrix = closure.pose_matrix(pose, lines)
         side = np.sign(linalg.determinant(matrix))
     solved, converged, contraction = newton(closure, pose, most=CONTRACTION,
-                                            begin=(c, lines, matrix))
+                                            begin=(c, lines, matrix), smallest=smallest)
     same = np.zeros(q.shape[0], dtype=bool)
     if converged.any():
         same[converged] = side[converged] == np.sign(linalg.determinant(
@@ -241,8 +249,10 @@ def _attempt(model: Model, q: Array, pose: Array, of: int) -> tuple[Array, Bools
     return solved, converged & same & (contraction <= CONTRACTION)
 
 
-def _compiled_attempt(tables: CompiledLimbs, pose: Array) -> tuple[Array, Bools]:
-    solved, converged, sizes, signs = tables.newton(pose, NEWTON_STEPS, STEP, CLOSED, CONTRACTION)
+def _compiled_attempt(tables: CompiledLimbs, pose: Array, smallest: float
+                      ) -> tuple[Array, Bools]:
+    solved, converged, sizes, signs = tables.newton(pose, NEWTON_STEPS, smallest, CLOSED,
+                                                    CONTRACTION)
     same = signs[:, 0] == signs[:, 1]
     return solved, converged & same & (_contraction(sizes) <= CONTRACTION)
 
@@ -250,6 +260,8 @@ def _compiled_attempt(tables: CompiledLimbs, pose: Array) -> tuple[Array, Bools]
 def _lead(model: Model, origin: Array, q: Array, pose: Array, of: int) -> tuple[Array, Array]:
     """Lead the joints from ``origin`` to ``q`` in steps that Newton follows safely."""
     n = q.shape[0]
+    surplus = model.mechanism.surplus > 0
+    smallest = ON_THE_WAY if surplus else STEP
     at, step = np.zeros(n), np.full(n, 0.5)
     pose = pose.copy()
     active = np.ones(n, dtype=bool)
@@ -262,11 +274,15 @@ def _lead(model: Model, origin: Array, q: Array, pose: Array, of: int) -> tuple[
         rows = np.flatnonzero(active)
         to = np.minimum(at[rows] + step[rows], 1.0)
         goal = first[rows] + to[:, None] * way[rows]
-        solved, good = (_compiled_attempt(replace(whole[0], u=goal), pose[rows]) if whole else
-                        _attempt(model.take(rows), goal, pose[rows], of))
+        solved, good = (_compiled_attempt(replace(whole[0], u=goal), pose[rows], smallest)
+                        if whole else _attempt(model.take(rows), goal, pose[rows], of, smallest))
         pose[rows[good]], at[rows[good]] = solved[good], to[good]
         step[rows] = np.where(good, step[rows] * 1.5, step[rows] / 2.0)
         active[rows] = (at[rows] < 1.0) & (step[rows] >= SMALLEST_STEP)
+    there = np.flatnonzero(at >= 1.0)
+    if surplus and there.size:
+        pose[there], converged, _ = newton(model.take(there).closure(q[there]), pose[there], of=of)
+        at[there[~converged]] = np.nextafter(1.0, 0.0)
     pose[at < 1.0] = np.nan
     return pose, at
 
@@ -276,13 +292,13 @@ def _each(values: Array, count: int) -> Array:
 
 
 def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS, most: float = np.inf,
-           begin: tuple[Array, Array, Array] | None = None, of: int = 0
-           ) -> tuple[Array, Bools, Array]:
+           begin: tuple[Array, Array, Array] | None = None, of: int = 0,
+           smallest: float = STEP) -> tuple[Array, Bools, Array]:
     """Solve the closure for the motors, batched.
 
     Rows that contract by less than ``most`` in their second step are given up then. ``begin``:
     misclosure, lines and pose matrix at ``pose``, where they are known. ``of``: as in
-    :func:`forward`.
+    :func:`forward`. ``smallest``: converged is what moves by less.
 
     Returns:
         motors (N, 8), converged (N,), and the ratio of the second step's length to the
@@ -292,7 +308,7 @@ def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS, most: 
     scale, reach = mechanism.length_scale, mechanism.reach
     tables = compiled_limbs(closure, max(of, len(pose)))
     if tables is not None:
-        pose, converged, two, _ = tables.newton(pose, iterations, STEP, CLOSED, most)
+        pose, converged, two, _ = tables.newton(pose, iterations, smallest, CLOSED, most)
         return pose, converged, _contraction(two)
     pose, slow = np.array(pose), np.zeros(pose.shape[0], dtype=bool)
     sizes: list[Array] = []
@@ -315,7 +331,7 @@ def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS, most: 
             pose = moved(pose, step)
             # what surplus equations leave is least there, not 0
             closed = (np.max(np.abs(c), axis=1) < CLOSED * reach) | (mechanism.surplus > 0)
-            converged = finite & (size < STEP) & closed
+            converged = finite & (size < smallest) & closed
             if (converged | ~finite).all():
                 break
     second = sizes[1] if len(sizes) > 1 else np.zeros_like(sizes[0])
