@@ -2,10 +2,10 @@
 
     python benchmarks/surplus_speed.py --rows 100 10000 100000
 
-The machines are those of `configs/`, simulated by their scenarios: ropes, some of them over pulleys,
-and a seventh leg, with an instrument and by joint values alone; the hexapod is 6-UPS, measured in full. CPU seconds of
-`identify` beyond imports and writing, and peak memory, one process each; the ratio is that over the
-hexapod of as many rows in the same run.
+The machines are those of `configs/`, simulated by their scenarios: ropes, some of them over
+pulleys, and a seventh leg, with an instrument and by joint values alone; the hexapod is 6-UPS,
+measured in full. CPU seconds of `identify` beyond imports and writing, and peak memory, one process
+each; the ratio is that over the hexapod of as many rows in the same run.
 """
 
 from __future__ import annotations
