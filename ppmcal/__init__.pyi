@@ -166,6 +166,7 @@ def plan(
     effects: Sequence[str] = ...,
     payload: str | Sequence[float] | None = ...,
     temperature: str | Sequence[float] | None = ...,
+    tension: str | Sequence[float] | None = ...,
     accuracy: float | None = ...,
     seed: int = ...,
     progress: Progress = ...,

@@ -50,7 +50,7 @@ def record(kind: str) -> dict[str, Any]:
         "tables": [{"title": "Largest first", "columns": ["name", "x", "share", "felt", "text"],
                     "rows": [["leg1.offset", 0.5, 0.25, True, "11.40"],
                              ["leg2.offset", 12.75, None, False, "-3"]], "note": "rounded"}],
-        "home": {"nested": [1, 2]}, "seed": 3,
+        "later": {"nested": [1, 2]}, "seed": 3,
         "provenance": {"command": f"ppmcal {kind} m.yaml", "version": "0", "seed": 3,
                        "inputs": {"m.yaml": "a" * 64}}}
 
@@ -93,7 +93,7 @@ def test_report_json_holds_the_record(tmp_path: Path) -> None:
     folder = write(tmp_path, "stiffness", pictures={"map_a.png": "a", "map_b.png": "b"})
     out = json.loads(json.dumps(to_json(collect([folder]))))
     (design,) = out["designs"]
-    assert design["record"]["home"] == {"nested": [1, 2]}
+    assert design["record"]["later"] == {"nested": [1, 2]}
     assert design["kind"] == "stiffness"
     assert design["rows"] == {"map.csv": 2}
     assert [(p["file"], p["size"], p["problem"]) for p in design["pictures"]] == [

@@ -31,8 +31,8 @@ from ppmcal.report import collect, to_html, to_json
 from ppmcal.report.html import NBSP, probability, sig, to_sigma, typeset
 from ppmcal.report.kinds import KINDS, KNOWN
 from ppmcal.report.records import Identified, ReportData, Simulated
-from ppmcal.report.simulated import compare
 from ppmcal.report.thinning import envelope, evenly_spread
+from ppmcal.report.truth import compare
 from ppmcal.store.provenance import Provenance
 from ppmcal.units import Units
 

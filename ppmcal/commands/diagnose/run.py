@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -44,7 +43,6 @@ from ppmcal.diagnosis.next_experiment import with_poses
 from ppmcal.diagnosis.own_noise import diagnose_with_own_noise
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.errors import BadInput, PpmcalError, unknown
-from ppmcal.inference.priors import CORRELATIONS, table
 from ppmcal.io.results.batch import CampaignQuantity, effect_quantities, fit_quantities
 from ppmcal.io.results.campaign import campaign_sentences
 from ppmcal.io.results.diagnosis import DiagnosisRecord
@@ -328,16 +326,3 @@ def misread_record(refused: InterpretationError, machine: Mechanism, inputs: Seq
         findings=tuple(f"{m.source}: {interpretation_sentence(m, machine.units)}."
                        for m in refused.found), units=machine.units,
         provenance=Provenance(**source_of("diagnose", inputs, seed)))
-
-
-WIDTH = 74
-
-
-def lines() -> Iterator[str]:
-    """Yield each number with its reason below it."""
-    several = ", ".join(f"{c:g}" for c in CORRELATIONS)
-    for name, value, reason in (
-            *((name, f"{p.value:.4g}", p.reason) for name, p in table().items()),
-            ("correlations", several, "noise from row to row may have, each as often")):
-        yield f"{name.lower().replace('_', ' ')}: {value}"
-        yield textwrap.indent(textwrap.fill(reason, WIDTH), "    ")

@@ -39,7 +39,8 @@ def misreading_entries(found: Sequence[Interpretation], units: Units) -> tuple[M
     """Return one entry for each mistake, file units."""
     out = []
     for one in found:
-        miss = ErrorChange.filled(one, units, unit=one.quantity)
+        miss = ErrorChange.filled(None, units, before=one.before, after=one.after,
+                                  unit=one.quantity)
         known = np.isfinite(one.after)
         out += [MisreadingEntry.filled(
             m, file=one.source, rows=m.rows or None, read=one.block,
