@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from ppmcal.calibration.interpretation.read_rightly import (
         refuse_before_fit as refuse_before_fit,
     )
+    from ppmcal.calibration.interpretation.read_rightly import refuse_columns as refuse_columns
     from ppmcal.calibration.interpretation.read_rightly import (
         refuse_other_machine as refuse_other_machine,
     )

@@ -7,13 +7,13 @@ let it be: a rope that was not pulled. Both show against the nominal machine, ro
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
-from ppmcal.calibration.fit import Problem, gap_noise
+from ppmcal.calibration.fit import Fit, Problem, distances, gap_noise, identify
 from ppmcal.calibration.interpretation.interpretation_error import (
     FileFault,
     Interpretation,
@@ -21,7 +21,7 @@ from ppmcal.calibration.interpretation.interpretation_error import (
 )
 from ppmcal.calibration.interpretation.limits import LANDS, TELLING
 from ppmcal.calibration.interpretation.readings import ColumnInterpretation
-from ppmcal.errors import BadInput
+from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import newton, with_limbs
 from ppmcal.kinematics.inverse import home_state
@@ -43,6 +43,8 @@ MOSTLY = 0.8
 """A rope that may be slack in fewer than this part of the rows of another one is not named."""
 MANY = 1.0 / 3.0
 """Of rows with a contradiction: fewer are gross errors, which the fit leaves out by itself."""
+FITS = 6
+"""Exchanges that are fitted, at most."""
 
 
 def refuse_joints_alone(problem: Problem) -> None:
@@ -169,30 +171,55 @@ def _refuse_contradiction(problem: Problem, data: Dataset) -> None:
     _refuse_slack(rows, data, times > LANDS)
 
 
-def refuse_exchanged(problem: Problem) -> None:
-    """Refuse exchanged columns of data that bend the geometry, where limbs agree better so.
+def refuse_exchanged(fit: Fit) -> None:
+    """Refuse exchanged columns with which a fit leaves more than noise, where another one does not.
+
+    The nominal machine need not tell them: of one surplus a row its tolerances may explain either.
 
     Raises:
         InterpretationError: with the columns.
     """
-    for data in problem.datasets:
+    problem, left = fit.problem, distances(fit.problem, fit.state).times(fit.keep)
+    for i, data in enumerate(problem.datasets):
         rows = _rows(problem, data) if data.kind.blind else None
-        if rows is not None:
-            gap, times = rows.times(rows.q)
-            _refuse_exchanged(rows, data, float(np.median(gap)), float(np.median(times)))
+        found = []
+        for *_, way in [] if rows is None else _pairs(rows, data)[:FITS]:
+            datasets = (*problem.datasets[:i], way.of(data), *problem.datasets[i + 1:])
+            try:
+                other = identify(replace(problem, datasets=datasets))
+            except PpmcalError:
+                continue
+            times = distances(other.problem, other.state).times(other.keep)
+            if other.converged and times * TELLING <= left:
+                found.append((times, way))
+        _refuse(problem.mechanism, [_exchange(
+            data, way, f"residuals are {number(times, 3)} times the noise then, not "
+            f"{number(left, 3)} times" * (n == 0))
+            for n, (times, way) in enumerate(sorted(found, key=lambda f: f[0]))
+            if times <= TELLING * min(f[0] for f in found)])
 
 
-def _refuse_exchanged(rows: _AgainstNominal, data: Dataset, gap: float, times: float) -> None:
-    found = list(_exchanged(rows, data, gap, times))
+def _refuse(mechanism: Mechanism, found: Sequence[Interpretation]) -> None:
     if found:
         best, *others = found
         raise InterpretationError.of([replace(best, alternatives=tuple(
-            other.mistakes for other in others))], rows.model.mechanism.units)
+            other.mistakes for other in others))], mechanism.units)
 
 
-def _exchanged(rows: _AgainstNominal, data: Dataset, gap: float, times: float
-               ) -> Iterator[Interpretation]:
-    """Yield the exchanges of two columns with which limbs agree, best first."""
+def _exchange(data: Dataset, way: ColumnInterpretation, better: str) -> Interpretation:
+    """Return an exchange of columns; ``better``: what it mends, in words."""
+    (fault,) = way.joints.mistakes("permuted")
+    text = f"{fault.text}: {better}" if better else fault.text
+    return Interpretation(data.source, (FileFault(fault.kind, fault.columns, text),),
+                          way.block(data))
+
+
+def _pairs(rows: _AgainstNominal, data: Dataset
+           ) -> list[tuple[float, float, ColumnInterpretation]]:
+    """Return exchanges of two columns that the tolerances allow, best first.
+
+    With each, by what part of what is allowed limbs contradict each other then, and by how much.
+    """
     mechanism = rows.model.mechanism
     plain, k = ColumnInterpretation.as_declared(mechanism, data), len(mechanism.actuators)
     tried = []
@@ -201,18 +228,19 @@ def _exchanged(rows: _AgainstNominal, data: Dataset, gap: float, times: float
         order[pair[0]], order[pair[1]] = pair[1], pair[0]
         joints = replace(plain.joints, order=tuple(order))
         left, part = (float(np.median(v)) for v in rows.times(joints.of(rows.q)))
-        if part <= LANDS and part * TELLING <= times:
+        if part <= LANDS:
             tried.append((part, left, replace(plain, joints=joints)))
-    tried.sort(key=lambda t: t[0])
-    factor, unit = mechanism.units.factor("length"), mechanism.units.length
-    for part, left, way in tried:
-        if part <= TELLING * tried[0][0]:
-            (fault,) = way.joints.mistakes("permuted")
-            text = fault.text if part > tried[0][0] else (
-                f"{fault.text}: limbs contradict each other by {number(left / factor, 3)} "
-                f"{unit} then, not by {number(gap / factor, 3)} {unit}")
-            yield Interpretation(data.source, (FileFault(fault.kind, fault.columns, text),),
-                                 way.block(data))
+    return sorted(tried, key=lambda t: t[0])
+
+
+def _refuse_exchanged(rows: _AgainstNominal, data: Dataset, gap: float, times: float) -> None:
+    """Refuse columns with which limbs contradict each other far more than if two are exchanged."""
+    found = [t for t in _pairs(rows, data) if t[0] * TELLING <= times]
+    units = rows.model.mechanism.units
+    _refuse(rows.model.mechanism, [_exchange(
+        data, way, f"limbs contradict each other by {units.words(left, 'length')} then, not by "
+        f"{units.words(gap, 'length')}" * (n == 0))
+        for n, (part, left, way) in enumerate(found) if part <= TELLING * found[0][0]])
 
 
 def _refuse_slack(rows: _AgainstNominal, data: Dataset, wrong: Bools) -> None:

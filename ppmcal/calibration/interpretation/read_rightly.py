@@ -260,9 +260,18 @@ def refuse_after_fit(fit: Fit) -> None:
     """
     left = distances(fit.problem, fit.state).times(fit.keep)
     if left > TELLING or rms(tolerances_away(fit.problem, fit.state)) > FAR:
-        _refuse(_misreadings(replace(fit.problem, earlier=None)), fit.problem)
-        refuse_exchanged(fit.problem)
+        refuse_columns(fit)
     _refuse(wrong_rows(fit), fit.problem)
+
+
+def refuse_columns(fit: Fit) -> None:
+    """Refuse measurements that agree better with their columns read in another way.
+
+    Raises:
+        InterpretationError: with how they are to be read.
+    """
+    _refuse(_misreadings(replace(fit.problem, earlier=None)), fit.problem)
+    refuse_exchanged(fit)
 
 
 def other_machine(problem: Problem, state: State) -> Interpretation | None:

@@ -28,6 +28,7 @@ from ppmcal.calibration.interpretation import (
     InterpretationError,
     refuse_after_fit,
     refuse_before_fit,
+    refuse_columns,
     refuse_other_machine,
     slack_ropes,
     unit_findings,
@@ -306,6 +307,7 @@ def _refuse_unconverged(fit: Fit, options: FitOptions) -> None:
 
     Raises:
         NoResult: with how far it got.
+        InterpretationError: columns that are read in another way agree better.
     """
     if fit.converged or fit.stopped or options.iterations:
         return
@@ -315,6 +317,7 @@ def _refuse_unconverged(fit: Fit, options: FitOptions) -> None:
                        "Use a smaller --damping, fewer free parameters, --iterations to stop "
                        "where you want, or the prior (--method prior)")
     if noise_check(fit).failed:
+        refuse_columns(fit)
         raise NoResult(f"the fit did not converge: {fit.reached}",
                        ", ".join(d.source for d in fit.problem.datasets),
                        "Run check on machine and data: units, order of columns, poses that tell "
