@@ -20,7 +20,7 @@ MISSPELT = 0.8
 """A name so like one of ours (difflib's ratio) is taken for a mistake in writing it."""
 LABELS = ("pose", "session", "time")
 """Columns that may hold words: names, and times of a clock."""
-OURS = ("q_", "to_q_", "dir_", "vel_", "cmd_", "sigma_", "temperature_", "leg_length_")
+OURS = ("q_", "to_q_", "dir_", "vel_", "cmd_", "sigma_", "u95_", "temperature_", "leg_length_")
 """What columns of ours begin with: a name that does is meant to be one."""
 _HEXAPOD = {"x1": "x", "y1": "y", "z1": "z", "phix1": "rx", "phiy1": "ry", "phiz1": "rz"}
 _CAPTURE = {**{f"position_{a}": a for a in "xyz"},
@@ -43,6 +43,7 @@ COORDINATE = re.compile(
 SIGMA = re.compile(r"(?:sigma|σ|std|stddev|std ?dev|stdev|standard deviation)[ .]?\(?"
                    r"(?P<axis>[xyz])\)?|s(?P<short>[xyz])|(?P<first>[xyz])[ .]?"
                    r"(?:sigma|std|stddev|std ?dev|stdev)")
+U95 = re.compile(r"u95[ .]?\(?(?P<axis>r?[xyz])\)?|(?P<first>r?[xyz])[ .]?u95")
 UNCERTAIN = re.compile(r"u\(?[xyz]\)?|(?:uncertainty|unc)[ .]?[xyz]|[xyz][ .]?(?:uncertainty|unc)|"
                        r"u ?mag|uncertainty")
 GROUPED = re.compile(r"collection|group\d*")
@@ -68,7 +69,8 @@ def known_columns(mechanism: Mechanism, kind: InstrumentKind | None = None) -> l
            *(f"dir_{a}" for a in (*actuators, "x", "y", "z")),
            *(f"vel_{a}" for a in actuators), *tension_columns(mechanism),
            *(f"cmd_{c}" for c in (*COORDINATES, *QUATERNION)),
-           *(f"sigma_{c}" for c in (*COORDINATES, "position", "rotation", *number_names(), *own))]
+           *(f"sigma_{c}" for c in (*COORDINATES, "position", "rotation", *number_names(), *own)),
+           *(f"u95_{c}" for c in (*COORDINATES, "position", "rotation"))]
     return list(dict.fromkeys(out))
 
 
@@ -218,6 +220,8 @@ def own_name(header: str, known: Collection[str]) -> tuple[str | None, str]:
         return found["axis"], "a usual heading"
     if (found := SIGMA.fullmatch(low)) and "sigma_x" in known:
         return f"sigma_{found['axis'] or found['short'] or found['first']}", "a usual heading"
+    if (found := U95.fullmatch(low)) and "u95_x" in known:
+        return f"u95_{found['axis'] or found['first']}", "a usual heading"
     return None, ""
 
 

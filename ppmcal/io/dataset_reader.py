@@ -151,6 +151,7 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
         position=seen.position, rotation=seen.rotation, value=seen.value, to_q=to_q,
         sigma_position=seen.sigma_position, sigma_rotation=seen.sigma_rotation,
         sigma_value=seen.sigma_value, sigma_actuator=sigma_actuator, groups=groups,
+        covariance=seen.covariance,
         labels=labels,
         columns=conditions, sessions=_sessions(table),
         frame=frame_of(file.frame, mechanism.motion, units, side),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,9 +11,9 @@ from ppmcal.errors import BadInput
 from ppmcal.io.column_names import ENVIRONMENT, tension_columns
 from ppmcal.io.csv import Table, refuse_absurd
 from ppmcal.io.pose_fields import COORDINATES, NORM_TOLERANCE, QUATERNION, factors, rotation_vectors
-from ppmcal.io.sidecar import SidecarFile, actuator_noise, sigma_needs
+from ppmcal.io.sidecar import SidecarFile, actuator_noise, sigma_needs, station_of
 from ppmcal.linalg import Array
-from ppmcal.model.dataset import ZERO_CELSIUS, unknown
+from ppmcal.model.dataset import ZERO_CELSIUS, tracker_noise, unknown
 from ppmcal.model.instruments import InstrumentKind, number_names
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import Note
@@ -23,6 +23,8 @@ from ppmcal.wording import row_list
 PLACES = (*COORDINATES, *QUATERNION)
 """Columns of where something is."""
 NOT_MOVED = 1e-12
+K95 = 1.96
+"""Coverage factor of the 95 % uncertainties that trackers list (normal)."""
 
 
 def stacked(table: Table, names: Sequence[str]) -> Array:
@@ -168,7 +170,10 @@ def further_columns(table: Table, mechanism: Mechanism, joint: Array) -> dict[st
 
 @dataclass(frozen=True)
 class Measured:
-    """SI; position and rotation (N, 3), value (N,), and their standard deviations."""
+    """SI; position and rotation (N, 3), value (N,), and their standard deviations.
+
+    ``covariance`` (N, 3, 3) of positions whose coordinates are off together.
+    """
 
     position: Array
     rotation: Array
@@ -177,6 +182,7 @@ class Measured:
     sigma_rotation: Array
     sigma_value: Array
     findings: tuple[Note, ...]
+    covariance: Array | None = None
 
 
 def _measured(n: int, findings: Sequence[Note], **known: Array) -> Measured:
@@ -202,11 +208,22 @@ def measured(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -
         return _tilts(table, mechanism, file, side)
     position, rotation, findings = _pose(table, mechanism, kind, units)
     sigma_needs(file, side, bool(np.isfinite(rotation).any()))
-    sigma = file.instrument.sigma
-    return _measured(
-        len(table), findings, position=position, rotation=rotation,
-        sigma_position=_sigmas(table, "position", sigma.position, units.factor("length")),
-        sigma_rotation=_sigmas(table, "rotation", sigma.rotation, units.factor("angle")))
+    sigma, length = file.instrument.sigma, units.factor("length")
+    own = _sigmas(table, "position", sigma.position, length)
+    seen = _measured(len(table), findings, position=position, rotation=rotation,
+                     sigma_position=own, sigma_rotation=_sigmas(
+                         table, "rotation", sigma.rotation, units.factor("angle")))
+    if sigma.range is None:
+        return seen
+    station = station_of(file.instrument, mechanism.motion, units, side)
+    root = tracker_noise(np.nan_to_num(position), station, sigma.range * length,
+                         (sigma.angle or 0.0) * units.factor("angle"))
+    found = root @ root
+    # coordinates with a standard deviation of their own keep it
+    total = np.where(np.isfinite(own), own, np.sqrt(np.diagonal(found, axis1=1, axis2=2)))
+    alone = np.isfinite(own)[:, :, None] | np.isfinite(own)[:, None, :]
+    found = np.where(alone, total[:, :, None] ** 2 * np.eye(3), found)
+    return replace(seen, sigma_position=total, covariance=found)
 
 
 def _nothing(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -> Measured:
@@ -243,13 +260,14 @@ def _tilts(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -> 
 
 
 def _sigmas(table: Table, what: str, shared: float | None, factor: float) -> Array:
-    """Return standard deviations (N, 3): the sidecar's, or a row's own; one row in memory."""
+    """Return standard deviations (N, 3): the sidecar's, or a row's own; else one row in memory."""
     out = np.broadcast_to((shared or np.nan) * factor, (len(table), 3))
     for i, name in enumerate(COORDINATES[:3] if what == "position" else COORDINATES[3:]):
-        for source in (f"sigma_{what}", f"sigma_{name}"):
+        for source, k in ((f"u95_{what}", K95), (f"u95_{name}", K95), (f"sigma_{what}", 1.0),
+                          (f"sigma_{name}", 1.0)):
             if source in table.numbers:
                 out = out if out.flags.writeable else out.copy()
-                _override(out[:, i], table, source, factor)
+                _override(out[:, i], table, source, factor / k)
     return out
 
 

@@ -123,7 +123,7 @@ def _choices(name: str, mechanism: Mechanism, units: Units, kind: InstrumentKind
             if bare:
                 return ANGULAR, TURN
             return (LENGTHS if quantity == "length" else ANGULAR), units.factor(quantity)
-    bare_name = name.removeprefix("cmd_").removeprefix("sigma_")
+    bare_name = name.removeprefix("cmd_").removeprefix("sigma_").removeprefix("u95_")
     if kind is not None and not kind.of_poses and bare_name in kind.columns(mechanism.motion):
         own = kind.quantity if kind.scalar else "angle"
         return (LENGTHS if own == "length" else ANGULAR), units.factor(own)

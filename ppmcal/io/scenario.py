@@ -18,7 +18,15 @@ from ppmcal.io.pose_fields import COORDINATES, pose_from_map
 from ppmcal.io.poses import read_poses
 from ppmcal.io.scenario_schema import PosesFile, ScenarioFile
 from ppmcal.io.schema import check, did_you_mean, is_number, show
-from ppmcal.io.sidecar import actuator_noise, frame_of, point_of, rotation_of
+from ppmcal.io.sidecar import (
+    actuator_noise,
+    frame_of,
+    of_sight,
+    point_of,
+    rotation_of,
+    station_of,
+    tracked,
+)
 from ppmcal.io.yaml import read_yaml
 from ppmcal.io.yaml_merge import IN_MEMORY
 from ppmcal.limits import POSES, SIMULATED_ROWS
@@ -47,6 +55,8 @@ def read_scenario(path: str | os.PathLike[str] | Mapping[str, Any], mechanism: M
     sigma = file.instrument.sigma
     kind = file.instrument.kind.located(file.instrument.at, mechanism, source)
     kind.refuse(mechanism.motion, mechanism.surplus, source, mechanism.gravity)
+    if tracked(file.instrument, f"{source}: instrument.sigma"):
+        of_sight(kind, f"{source}: instrument.sigma")
     own, of = kind.sigma_of(sigma), kind.quantity if kind.scalar else "length"
     for value, quantity in ((sigma.position, "length"), (own, of), (sigma.rotation, "angle")):
         # next to none is none; more than the machine could not be read again
@@ -81,7 +91,10 @@ def read_scenario(path: str | os.PathLike[str] | Mapping[str, Any], mechanism: M
         temperature=None if warm is None else (warm.mean + ZERO_CELSIUS, warm.swing),
         velocity=np.abs(actuator_noise(file.conditions.velocity, mechanism, joint, source)),
         with_effects=machine, seed=file.seed, pairs=_pairs(file, source),
-        offset=_offset(file.instrument.offset, kind, units, f"{source}: instrument.offset"))
+        offset=_offset(file.instrument.offset, kind, units, f"{source}: instrument.offset"),
+        tracker=None if sigma.range is None else (sigma.range * length,
+                                                  (sigma.angle or 0.0) * angle),
+        station=station_of(file.instrument, mechanism.motion, units, source))
 
 
 def _refuse_many(file: ScenarioFile, poses: Pattern, source: str) -> None:

@@ -123,6 +123,10 @@ class ScenarioSigmaFile(Strict):
 
     position: Sigma | None = None
     """Of each measured coordinate x, y, z."""
+    range: Sigma | None = None
+    """Of a tracker's distances, in place of `position`."""
+    angle: Sigma | None = None
+    """Of either angle of a tracker."""
     rotation: Sigma | None = None
     """Of each measured angle."""
     height: Sigma | None = None
@@ -152,6 +156,8 @@ class ScenarioInstrumentFile(Strict):
     """The joint that an encoder is at, such as `leg1.joint2` (kind joint)."""
     offset: Any = "known"
     """What an encoder at a joint reads more than is true, or `known`: nothing more."""
+    station: Any = None
+    """Where a tracker of `range` and `angle` stands, in the measured axes  [default: origin]."""
 
 
 class NoiseFile(Strict):

@@ -61,6 +61,10 @@ class SigmaFile(Strict):
 
     position: Positive | None = None
     """Of each measured coordinate x, y, z."""
+    range: Positive | None = None
+    """Of a tracker's distances, in place of `position`."""
+    angle: Positive | None = None
+    """Of either angle of a tracker."""
     rotation: Positive | None = None
     """Of each measured angle."""
     height: Positive | None = None
@@ -90,6 +94,8 @@ class InstrumentFile(Strict):
     """The joint that an encoder is at, such as `leg1.joint2` (kind joint)."""
     offset: Any = None
     """What an encoder at a joint reads more than is true: unknown, known (nothing), or a number."""
+    station: Any = None
+    """Where a tracker of `range` and `angle` stood, in the measured axes  [default: origin]."""
 
 
 class SidecarFile(Strict):
@@ -190,13 +196,52 @@ def sigma_needs(file: SidecarFile, source: str, rotation: bool) -> None:
     if not kind.of_poses and kind.sigma_of(sigma) is None:
         raise BadInput(f"the key '{kind.sigma}' is missing", place, "Add the standard deviation "
                        f"of a reading, such as `{kind.sigma}: 0.002`")
-    if kind.of_poses and kind.sigma_stated(sigma) is None and not kind.blind:
+    if tracked(file.instrument, place):
+        of_sight(kind, place)
+    elif kind.of_poses and kind.sigma_stated(sigma) is None and not kind.blind:
         raise BadInput("the key 'position' is missing", place,
                        "Add the instrument's standard deviation, such as `position: 0.01`")
     if kind.sees_rotation and rotation and sigma.rotation is None:
         raise BadInput("the key 'rotation' is missing", place,
                        "Add the standard deviation of a measured angle, such as "
                        "`rotation: 0.002`, or write `kind: position`")
+
+
+def tracked(instrument: Any, place: str) -> bool:
+    """Whether noise is that of a distance and two angles; refuse half of it, and both ways at once.
+
+    ``instrument``: the block of a sidecar or scenario; ``place``: its sigma's.
+    """
+    sigma = instrument.sigma
+    given = [name for name in ("range", "angle") if getattr(sigma, name) is not None]
+    if len(given) == 1:
+        other, = {"range", "angle"} - set(given)
+        raise BadInput(f"the key '{other}' is missing", place, f"Add it beside `{given[0]}`, such "
+                       "as {range: 0.01, angle: 0.0003}, or write `position` alone")
+    if given and sigma.position is not None:
+        raise BadInput("the noise of positions is said twice", f"{place}.position",
+                       "Take it out, or `range` and `angle`")
+    if not given and instrument.station is not None:
+        raise BadInput("only noise by `range` and `angle` depends on where a tracker stood",
+                       place.replace("sigma", "station"), "Take it out, or add them to `sigma`")
+    return bool(given)
+
+
+def of_sight(kind: InstrumentKind, place: str) -> None:
+    """Refuse noise by distance and angles of what does not measure positions by them."""
+    if not kind.of_poses or kind.blind or kind.scalar:
+        raise BadInput(f"the instrument '{kind}' has no line of sight", f"{place}.range",
+                       "Take out `range` and `angle`")
+
+
+def station_of(instrument: Any, motion: Motion, units: Units, source: str) -> Array:
+    """Return where a tracker stood (3,), m."""
+    found = point_of(instrument.station or "known", motion, units, source, "instrument.station")
+    if found.fitted:
+        raise BadInput("a tracker's noise needs to know about where it stood",
+                       f"{source}: instrument.station", "Write its position, such as "
+                       "[2500, 0, 800]; a tracker's own files have it at the origin")
+    return found.value
 
 
 def frame_of(raw: object, motion: Motion, units: Units, source: str, where: str = "frame"
@@ -339,6 +384,10 @@ def read_instrument(path: str | os.PathLike[str], mechanism: Mechanism) -> Instr
     file = located(check(SidecarFile, read_yaml(Path(path)), source), mechanism, source)
     units, kind, sigma = file.units.units(), file.instrument.kind, file.instrument.sigma
     kind.refuse(mechanism.motion, mechanism.surplus, source, mechanism.gravity)
+    if tracked(file.instrument, f"{source}: instrument.sigma"):
+        raise BadInput("how far a tracker will stand from the poses is not known before",
+                       f"{source}: instrument.sigma.range",
+                       "Write `position: ` in its place, the noise at a typical distance")
     sigma_needs(file, source, mechanism.motion.turns)
     frame = frame_of(file.frame, mechanism.motion, units, source)
     if frame.same_as is not None:

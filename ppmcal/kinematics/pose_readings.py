@@ -97,5 +97,6 @@ def shifted_rows(data: Dataset, shift: int) -> Dataset:
     out = replace(data, position=moved(data.position), rotation=moved(data.rotation),
                   value=moved(data.value), sigma_position=data.sigma_position[source],
                   sigma_rotation=data.sigma_rotation[source],
-                  sigma_value=data.sigma_value[source])
+                  sigma_value=data.sigma_value[source],
+                  covariance=None if data.covariance is None else data.covariance[source])
     return out.take(keep)

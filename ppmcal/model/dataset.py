@@ -57,6 +57,8 @@ class Dataset:
         to_q: second joint values of a distance between two platform positions, or None.
         sigma_position, sigma_rotation: standard deviations (N, 3).
         sigma_value: of ``value`` (N,).
+        covariance: of the position (N, 3, 3), m^2, where its coordinates are off together, as a
+            tracker's are; None: they are not.
         sigma_actuator: noise of the joints, by actuator (k,), 0 where none; unit of q.
         groups: integer label per commanded pose (repeats share it), (N,).
         labels: the same as the file itself says, whatever the joints are (N,); None: as groups.
@@ -136,6 +138,7 @@ class Dataset:
     place: Ints | None = None
     weight: Array | None = None
     gap_factor: float = 1.0
+    covariance: Array | None = None
 
     @classmethod
     def of_poses(cls, name: str, q: Array, pose: Array, sigma: tuple[float, float],
@@ -182,7 +185,9 @@ class Dataset:
             to_q=None if self.to_q is None else self.to_q[keep],
             sigma_position=taken(self.sigma_position, keep),
             sigma_rotation=taken(self.sigma_rotation, keep),
-            sigma_value=taken(self.sigma_value, keep), groups=self.groups[keep],
+            sigma_value=taken(self.sigma_value, keep),
+            covariance=None if self.covariance is None else self.covariance[keep],
+            groups=self.groups[keep],
             labels=None if self.labels is None else self.labels[keep],
             columns={n: c[keep] for n, c in self.columns.items()}, sessions=sessions,
             visited=None if visited is None else visited[keep], unusable=unusable,
@@ -211,7 +216,8 @@ class Dataset:
             self, sigma_position=row_by_row(noisy, self.sigma_position),
             sigma_rotation=row_by_row(noisy, self.sigma_rotation),
             sigma_value=row_by_row(noisy, self.sigma_value),
-            sigma_actuator=noisy(self.sigma_actuator), gap_factor=factor * self.gap_factor)
+            sigma_actuator=noisy(self.sigma_actuator), gap_factor=factor * self.gap_factor,
+            covariance=None if self.covariance is None else factor**2 * self.covariance)
 
     def without(self, rows: NDArray[np.bool_], reason: str) -> Dataset:
         """Return the data set with ``rows`` (N,) marked unusable, unless they are already."""
@@ -230,6 +236,22 @@ class Dataset:
         if self.visited is None and self.approach == "sequence":
             return ways(self.q)
         return self.visited
+
+
+def tracker_noise(position: Array, station: Array, distance: float, angle: float) -> Array:
+    """Return the symmetric root (N, 3, 3) of the covariance of a tracker's positions (N, 3), m.
+
+    Args:
+        position: as measured, m.
+        station: where the tracker stood (3,), same frame.
+        distance: standard deviation along the line of sight, m.
+        angle: the same of either angle across it, rad.
+    """
+    way = position - station
+    far = np.linalg.norm(way, axis=1)
+    ahead = way / np.where(far > 0.0, far, 1.0)[:, None]
+    along = ahead[:, :, None] * ahead[:, None, :]
+    return np.asarray(distance * along + (angle * far)[:, None, None] * (np.eye(3) - along))
 
 
 STANDARD_GRAVITY = 9.80665

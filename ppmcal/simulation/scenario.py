@@ -119,6 +119,8 @@ class Scenario:
         sigma_position, sigma_rotation: noise of the instrument, 0 where none, m and rad.
         sigma_value: noise of a height, distance or joint's reading, m or rad.
         sigma_actuator: noise of the joints (k,), unit of q.
+        tracker: noise of a tracker's distances and angles, m and rad, or None; station: where it
+            stands in the measuring frame (3,).
         point: the fixed point of a distance instrument (3,); point_known: whether the
             sidecar gives it.
         pairs: distances are between two platform positions.
@@ -167,3 +169,5 @@ class Scenario:
     pairs: bool = False
     offset: float = 0.0
     tension: tuple[float, ...] = ()
+    tracker: tuple[float, float] | None = None
+    station: Array = field(default_factory=lambda: np.zeros(3))

@@ -25,7 +25,7 @@ from ppmcal.kinematics.loads import loads, pretensions
 from ppmcal.kinematics.needed_columns import ORDER, missing_columns, remembers
 from ppmcal.kinematics.registration import displaced, predict
 from ppmcal.linalg import Array, Ints, finite_rows
-from ppmcal.model.dataset import Environment, environment
+from ppmcal.model.dataset import Environment, environment, tracker_noise
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.simulation.pose_patterns import commands
@@ -179,7 +179,7 @@ def _measured(pose: Array, other: Array, stretch: Array | None, mechanism: Mecha
     position, turn = predict(registration, pose)
     position = stretched(position, stretch)
     far = stretched(predict(registration, other)[0], stretch) if scenario.pairs else scenario.point
-    error, outlier = _errors(len(position), scenario, rng)
+    error, outlier = _errors(position, scenario, rng)
     value = np.full(len(position), np.nan) if not scenario.kind.scalar else error[:, 0]
     if scenario.kind.value is not None:
         value = scenario.kind.value(position, far) + error[:, 0]
@@ -323,9 +323,10 @@ def _tensions(mechanism: Mechanism, q: Array, rows: Environment, pull: Array | N
     return np.asarray(pretensions(model, q, pose) * pull[:, None] + load)
 
 
-def _errors(n: int, scenario: Scenario, rng: np.random.Generator
+def _errors(position: Array, scenario: Scenario, rng: np.random.Generator
             ) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the instrument's errors (n, 6) and which rows are outliers."""
+    """Return the instrument's errors (n, 6) at positions (n, 3), and which rows are outliers."""
+    n = len(position)
     sigma = np.concatenate([np.full(3, scenario.sigma_position),
                             np.full(3, scenario.sigma_rotation)])
     noise = _draw(rng, scenario.tails, (n, 6))
@@ -338,6 +339,9 @@ def _errors(n: int, scenario: Scenario, rng: np.random.Generator
     way *= np.sqrt(1.0 if scenario.kind.scalar else 6.0) / np.linalg.norm(
         way, axis=1, keepdims=True)
     noise += np.where(outlier[:, None], OUTLIER_SIGMAS * way, 0.0)
+    if scenario.tracker is not None:
+        root = tracker_noise(position, scenario.station, *scenario.tracker)
+        noise[:, :3], sigma[:3] = (root @ noise[:, :3, None])[..., 0], 1.0
     return noise * sigma, outlier
 
 

@@ -67,6 +67,8 @@ class Sighting:
     def plain(self) -> bool:
         """Whether rows are their poses' own: no effects, no distances, sound joints.
 
+        And whether coordinates are each off by themselves.
+
         Surplus limbs contradict each other by the noise of joints or gaps: all have to have some.
         """
         data = self.data
@@ -75,6 +77,7 @@ class Sighting:
         sound = (bool(noisy) if self.mechanism.surplus
                  else not np.any(data.sigma_actuator > 0.0))
         return (sound and not self.mechanism.effects and data.kind.of_poses
+                and data.covariance is None
                 and not data.kind.along_line and not (data.kind.touches and own_scale))
 
     @property

@@ -24,6 +24,7 @@ from ppmcal.calibration.fit.latent_poses import most_likely
 from ppmcal.calibration.fit.nuisance_columns import NuisanceColumns, lay_out
 from ppmcal.calibration.fit.observation import (
     ResidualJacobian,
+    covariance,
     gap_noise,
     joint_noise,
     noise,
@@ -374,7 +375,7 @@ class Problem:
             return replace(seen, by_poses=tuple(
                 by if d is None else by @ d for by, d in zip(seen.by_poses, moved, strict=True)))
 
-        sigma_seen = noise(part, motion)
+        sigma_seen, together = noise(part, motion), covariance(part, motion)
         if self.mechanism.surplus and len(ends) == 1:
             (q, pose), = ends
             closure = models[0].closure(q)
@@ -414,11 +415,11 @@ class Problem:
         sigma = [self.sigma_joints[i], gaps] if gaps.any() else [self.sigma_joints[i]]
         white = whitener(seen, sigma_seen,
                          np.concatenate(by_noise, axis=-1) if by_noise else None,
-                         np.concatenate(sigma * len(ends)))
+                         np.concatenate(sigma * len(ends)), together)
         if part.weight is not None:
             white = np.sqrt(part.weight)[:, None, None] * white
         full = np.where(seen.observed[..., None], full, 0.0)
-        if with_noise:
+        if with_noise or together is not None:
             residual, full = (white @ seen.residual[..., None])[..., 0], white @ full
         else:
             diagonal = np.diagonal(white, axis1=-2, axis2=-1)

@@ -143,4 +143,5 @@ def unit_noise(data: Dataset) -> Dataset:
     return replace(data, sigma_position=np.ones_like(data.sigma_position),
                    sigma_rotation=np.ones_like(data.sigma_rotation),
                    sigma_value=np.ones_like(data.sigma_value),
-                   sigma_actuator=np.zeros_like(data.sigma_actuator), gap_factor=0.0)
+                   sigma_actuator=np.zeros_like(data.sigma_actuator), gap_factor=0.0,
+                   covariance=None)

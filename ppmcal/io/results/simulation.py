@@ -109,6 +109,9 @@ def sidecar(mechanism: Mechanism, scenario: Scenario, name: str) -> str:
         "position": _sigma(scenario.sigma_position, length)}
     if kind.scalar:
         sigma = {kind.sigma: _sigma(scenario.sigma_value, units.factor(kind.quantity))}
+    if scenario.tracker is not None:
+        sigma = {"range": _sigma(scenario.tracker[0], length),
+                 "angle": _sigma(scenario.tracker[1], angle)}
     if kind.sees_rotation or kind.of_turn is not None:
         sigma["rotation"] = _sigma(scenario.sigma_rotation, angle)
     if np.any(scenario.sigma_actuator > 0.0):
@@ -118,7 +121,8 @@ def sidecar(mechanism: Mechanism, scenario: Scenario, name: str) -> str:
         "format": "ppmcal/dataset/1", "name": printable(name),
         "units": {"length": units.length, "angle": units.angle},
         "instrument": {"kind": kind.name, "sigma": sigma} | _point(scenario, length) | (
-            {"at": kind.at} if kind.at else {}),
+            {"at": kind.at} if kind.at else {}) | (
+            {"station": (scenario.station / length).tolist()} if scenario.tracker else {}),
         "frame": "known" if scenario.frame_known or scenario.pairs else "unknown",
         "target": "known" if scenario.target_known else "unknown",
         "target_rotation": "known" if scenario.target_rotation_known else "unknown",
