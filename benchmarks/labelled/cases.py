@@ -180,7 +180,8 @@ def _cause(where: str, entry: Any) -> Cause:
     if rows is not None and not (isinstance(rows, list) and len(rows) == 2):
         raise BadInput(f"rows are a first and a last reading, not {rows}", where,
                        "write rows: [8, 9]")
-    return Cause(_texts(entry["kind"]), _texts(entry.get("joints", ())), _texts(entry.get("slot", ())),
+    return Cause(_texts(entry["kind"]), _texts(entry.get("joints", ())),
+                 _texts(entry.get("slot", ())),
                  None if rows is None else (int(rows[0]), int(rows[1])))
 
 

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from labelled.score import Name
-from labelled.sources import Files
+from scipy.stats import f as fisher
 
 import ppmcal
+from labelled.score import Name
+from labelled.sources import Files
 from ppmcal.calibration.fit import FitOptions, Problem, identify
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.hypotheses import Hypothesis
@@ -27,6 +28,8 @@ from ppmcal.model.dataset import Dataset
 VISIBLE = 1e-3
 """Effects of which geometry leaves less than this part are not asked for."""
 RIDGE = 1e-9
+GROSS = 0.01
+"""Chance that any reading of a campaign that is in order is called one that does not belong."""
 
 
 @dataclass(frozen=True)
@@ -71,16 +74,11 @@ class LinearProblem:
         """What the geometry takes (n, r), orthonormal."""
         return span(self.geometry)
 
-    @property
-    def readings(self) -> int:
-        """How many readings there are."""
-        return int(self.reading.max()) + 1
-
     def rows(self) -> tuple[Array, tuple[Candidate, ...]]:
         """Return unit columns (n, n) and a candidate for each reading that does not belong."""
-        own = [np.flatnonzero(self.reading == k) for k in range(self.readings)]
         return np.eye(self.residual.size), tuple(
-            Candidate("row", tuple(at.tolist()), rows=(k + 1,)) for k, at in enumerate(own))
+            Candidate("row", tuple(np.flatnonzero(self.reading == k).tolist()), rows=(int(k) + 1,))
+            for k in np.unique(self.reading))
 
     def take(self, keep: Array) -> LinearProblem:
         """Return the problem of some values (n,) only."""
@@ -121,6 +119,33 @@ def gains(matrix: Array, residual: Array, candidates: Sequence[Candidate]) -> Ar
         out[some] = np.einsum("gk,gk->g", inner[at], np.linalg.solve(
             gram, inner[at][..., None])[..., 0])
     return out
+
+
+def gross_readings(problem: LinearProblem) -> tuple[LinearProblem, tuple[Name, ...]]:
+    """Return the problem without readings that do not belong, and these as names.
+
+    The deletion test of outliers, one at a time: a reading has columns of its own, its F-test at
+    :data:`GROSS` over all readings (Cook, Weisberg, Residuals and Influence in Regression, 1982).
+    """
+    gone: list[Name] = []
+    most = np.unique(problem.reading).size // 4
+    while len(gone) < most:
+        units, rows = problem.rows()
+        residual = without(problem.residual, problem.basis)
+        gain = gains(without(units, problem.basis), residual, rows)
+        size = np.array([len(r.columns) for r in rows])
+        left = residual.size - problem.basis.shape[1] - size
+        square = float(residual @ residual)
+        chance = np.ones(len(rows))
+        able = (left > 1) & (gain > 0.0)
+        ratio = gain / size / np.maximum(square - gain, 1e-15 * square) * left
+        chance[able] = fisher.sf(ratio[able], size[able], left[able])
+        worst = int(np.argmin(chance))
+        if chance[worst] * len(rows) > GROSS:
+            break
+        gone.append(rows[worst].name())
+        problem = problem.take(problem.reading != rows[worst].rows[0] - 1)
+    return problem, tuple(gone)
 
 
 def linear_problem(files: Files) -> LinearProblem:

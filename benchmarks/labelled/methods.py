@@ -7,13 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import ppmcal
 from labelled.baselines import METHODS
 from labelled.cases import Case
 from labelled.linear import linear_problem
 from labelled.score import Answer, Name
 from labelled.sources import Files, written
-
-import ppmcal
 from ppmcal.diagnosis.result import Diagnosis, NamedEffect
 from ppmcal.errors import PpmcalError
 

@@ -22,6 +22,7 @@ from pathlib import Path
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
+import ppmcal  # noqa: E402
 from labelled.cases import BASES, TRUTH, Case, read_sets  # noqa: E402
 from labelled.methods import NAMES, answers  # noqa: E402
 from labelled.score import (  # noqa: E402
@@ -33,8 +34,6 @@ from labelled.score import (  # noqa: E402
     write_answers,
 )
 from labelled.sources import written  # noqa: E402
-
-import ppmcal  # noqa: E402
 from ppmcal.errors import BadInput, PpmcalError  # noqa: E402
 
 

@@ -4,7 +4,8 @@ A name counts from a probability of 0.5 on. Of what a case asks:
 
 * right: every cause is named, and nothing else; nothing is named where nothing is known;
 * more: every cause is named, and something that nobody wrote down beside it;
-* unknown: no name, but that something without a name is there (or a name that is acceptable);
+* unknown: no name, but that something without a name is there (or a name that is acceptable); not
+  where a case asks for some kinds only, and none of them is known: the rest is not judged;
 * wrong: a name, and not that of a cause; one that is known to be false, whatever else;
 * missed: a cause is there and nothing is said;
 * refused: the method gave no answer.
@@ -20,9 +21,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from labelled.cases import Case, Cause, fits
 from study_summary import interval
 
+from labelled.cases import Case, Cause, fits
 from ppmcal.errors import BadInput
 
 OUTCOMES = ("right", "more", "unknown", "wrong", "missed", "refused")
@@ -72,12 +73,16 @@ class Judged:
 
 @dataclass(frozen=True)
 class Counted:
-    """Outcomes of one method in one line of the table."""
+    """Outcomes of one method in one line of the table; ``names``: how many it gives on average.
+
+    Those that are not asked for too: who names everything is right everywhere.
+    """
 
     kind: str
     method: str
     cases: int
     counts: Mapping[str, int] = field(default_factory=dict)
+    names: float = 0.0
 
     def cell(self, outcome: str) -> str:
         """Return ``12 (48-93)``: a count, and its share in per cent at 95 % (Clopper-Pearson)."""
@@ -102,7 +107,7 @@ def judged(case: Case, answer: Answer) -> Judged:
         outcome = "more" if others else "right"
     elif others:
         outcome = "wrong"
-    elif said:
+    elif said and (case.causes or case.asked("anything")):
         outcome = "unknown"
     elif not case.causes:
         outcome = "right"
@@ -140,19 +145,25 @@ def counted(found: Sequence[Judged], method: str) -> list[Counted]:
         lines.setdefault("all, something there" if j.case.causes else "all, nothing known",
                          []).append(j)
     order = sorted(lines, key=lambda k: k.startswith("all, "))
-    return [Counted(k, method, len(lines[k]), Counter(j.outcome for j in lines[k]))
+    return [Counted(k, method, len(lines[k]), Counter(j.outcome for j in lines[k]),
+                    sum(_counting(j.answer) for j in lines[k]) / len(lines[k]))
             for k in order]
+
+
+def _counting(answer: Answer) -> int:
+    return len({(n.kind, n.on, n.slot, n.rows) for n in answer.names if n.probability >= COUNTS})
 
 
 def table(of: Mapping[str, Sequence[Judged]]) -> str:
     """Return the table of all methods in Markdown, kind by kind."""
     lines = [c for method, found in of.items() for c in counted(found, method)]
     out = ["| what is asked (origin of the label) | cases | method | "
-           + " | ".join(OUTCOMES) + " |", "|---" * (3 + len(OUTCOMES)) + "|"]
+           + " | ".join(OUTCOMES) + " | names |", "|---" * (4 + len(OUTCOMES)) + "|"]
     for kind in dict.fromkeys(c.kind for c in sorted(lines, key=lambda c: c.kind[:4] == "all,")):
         for n, c in enumerate(c for c in lines if c.kind == kind):
             left = f"{kind} | {c.cases}" if n == 0 else " | "
-            out.append(f"| {left} | {c.method} | " + " | ".join(map(c.cell, OUTCOMES)) + " |")
+            cells = [*map(c.cell, OUTCOMES), f"{c.names:.1f}"]
+            out.append(f"| {left} | {c.method} | " + " | ".join(cells) + " |")
     return "\n".join(out)
 
 

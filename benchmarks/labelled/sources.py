@@ -19,10 +19,10 @@ import real_belts
 import real_priors
 import real_stewart
 import yaml
-from labelled.cases import Case, injected
 from real_deltas import mechanism_text, write_data
 
 import ppmcal
+from labelled.cases import Case, injected
 from ppmcal.errors import BadInput
 
 Geometry = dict[str, Any]

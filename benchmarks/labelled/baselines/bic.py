@@ -1,15 +1,16 @@
 """Stepwise selection by the Bayesian information criterion: forward, then backward.
 
-Schwarz, Annals of Statistics 6 (1978); noise unknown. Readings that do not belong are candidates as
-any other, each with a column of its own for every coordinate.
+Schwarz, Annals of Statistics 6 (1978); noise unknown. Readings that do not belong are put aside
+before by a test of their own: the criterion, which takes no account of how many candidates there
+were, would call some reading of every campaign one.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from labelled.linear import Candidate, LinearProblem, gains, span, without
-from labelled.score import Name
 
+from labelled.linear import Candidate, LinearProblem, gains, gross_readings, span, without
+from labelled.score import Name
 from ppmcal.linalg import Array
 
 MOST = 6
@@ -20,14 +21,16 @@ LEAST = 1e-12
 
 def names(problem: LinearProblem, seed: int) -> tuple[tuple[Name, ...], float]:
     """Return what the criterion chooses. It has no word for the unknown."""
-    found = chosen(problem)
-    return tuple(c.name() for c in found), 0.0
+    problem, gone = gross_readings(problem)
+    return (*gone, *(c.name() for c in chosen(problem))), 0.0
 
 
 def chosen(problem: LinearProblem) -> list[Candidate]:
     """Return the candidates in the model of the lowest criterion that steps come to."""
-    matrix, every = _with_rows(problem)
-    residual, free = problem.residual, problem.residual.size - problem.basis.shape[1]
+    every = problem.candidates
+    matrix = without(problem.matrix, problem.basis)
+    residual = without(problem.residual, problem.basis)
+    free = residual.size - problem.basis.shape[1]
     floor = LEAST * float(residual @ residual)
     model: list[Candidate] = []
     best = _criterion(float(residual @ residual), free, 0, floor)
@@ -45,15 +48,6 @@ def chosen(problem: LinearProblem) -> list[Candidate]:
         model.append(every[at])
         best = float(scores[at])
     return _pruned(matrix, residual, free, model, floor)
-
-
-def _with_rows(problem: LinearProblem) -> tuple[Array, tuple[Candidate, ...]]:
-    """Return all columns, those of single readings without the geometry too, and candidates."""
-    units, rows = problem.rows()
-    count = problem.matrix.shape[1]
-    own = tuple(Candidate("row", tuple(count + c for c in r.columns), rows=r.rows) for r in rows)
-    return np.concatenate([problem.matrix, without(units, problem.basis)], axis=1), (
-        *problem.candidates, *own)
 
 
 def _pruned(matrix: Array, residual: Array, free: int, model: list[Candidate], floor: float

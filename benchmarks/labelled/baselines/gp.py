@@ -3,8 +3,8 @@
 For each input (a joint, a place, a direction, time, temperature, order) a squared exponential, its
 length and size by the marginal likelihood of what the geometry leaves; the best input against noise
 alone. A process has no names: its mean takes the name of the candidate whose columns it is to most
-of its length, and is something unknown where there is none. Readings far from what all others
-predict do not belong.
+of its length, and is something unknown where there is none. Readings that do not belong are put
+aside before.
 """
 
 from __future__ import annotations
@@ -13,10 +13,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from labelled.linear import LinearProblem, gains, span, without
-from labelled.score import Name
-from scipy.special import log_ndtr
 
+from labelled.linear import LinearProblem, gains, gross_readings, without
+from labelled.score import Name
 from ppmcal.linalg import Array
 
 LENGTHS = (0.1, 0.3, 1.0)
@@ -27,8 +26,6 @@ SURE = float(np.log(19.0))
 """By so much the logarithm of the marginal likelihood has to rise, beside the choices made."""
 ALIKE = 0.9
 """A candidate gives its name where it explains this part of the mean's square."""
-GROSS = 0.01
-"""Chance that any reading of a case that is in order is called one that does not belong."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,19 +38,19 @@ class Best:
 
 def names(problem: LinearProblem, seed: int) -> tuple[tuple[Name, ...], float]:
     """Return what the process looks like, unknown where that has no name, and gross readings."""
+    problem, gone = gross_readings(problem)
     rest = complement(problem)
     found = [b for values in problem.inputs.values() for b in _processes(problem, values, rest)]
     count = max(1, len(found))
     best = max(found, key=lambda b: b.rise, default=None)
     there = best is not None and best.rise > SURE + np.log(count)
-    kernel = best.kernel if best is not None and there else np.zeros((problem.residual.size,) * 2)
-    gross = tuple(Name("row", rows=(k + 1,)) for k in _gross(problem, kernel))
-    if not there:
-        return gross, 0.0
+    if best is None or not there:
+        return gone, 0.0
+    kernel = best.kernel
     mean = kernel @ rest @ np.linalg.solve(
         rest.T @ (np.eye(len(kernel)) + kernel) @ rest, rest.T @ problem.residual)
     named = _looks_like(problem, without(mean, problem.basis))
-    return (*gross, *([named] if named else [])), 0.0 if named else 1.0
+    return (*gone, *([named] if named else [])), 0.0 if named else 1.0
 
 
 def _processes(problem: LinearProblem, values: Array, rest: Array) -> Iterator[Best]:
@@ -80,41 +77,16 @@ def _looks_like(problem: LinearProblem, mean: Array) -> Name | None:
     square = float(mean @ mean)
     if square == 0.0 or not problem.candidates:
         return None
-    part = gains(problem.matrix, mean, problem.candidates) / square
+    part = gains(without(problem.matrix, problem.basis), mean, problem.candidates) / square
     # of those as good as the best the one with the fewest columns
     good = [(len(c.columns), -p, g) for g, (c, p) in enumerate(
         zip(problem.candidates, part, strict=True)) if p >= ALIKE]
     return problem.candidates[min(good)[2]].name() if good else None
 
 
-def _gross(problem: LinearProblem, kernel: Array) -> list[int]:
-    """Return readings that all others predict otherwise, one at a time, from 0 on."""
-    gone: list[int] = []
-    while len(gone) < problem.readings // 4:
-        stay = ~np.isin(problem.reading, gone)
-        own = problem.take(stay)
-        left = complement(own)
-        if left.shape[1] < 4:
-            break
-        precision = left @ np.linalg.solve(
-            left.T @ (np.eye(int(stay.sum())) + kernel[np.ix_(stay, stay)]) @ left, left.T)
-        square = np.maximum(np.diag(precision), 1e-9)
-        away = precision @ own.residual / square
-        noise = np.abs(away) * np.sqrt(square)
-        scale = float(np.median(noise)) / 0.6745
-        if scale == 0.0:
-            break
-        z = noise / scale
-        worst = int(np.argmax(z))
-        if np.log(2.0 * z.size) + log_ndtr(-z[worst]) > np.log(GROSS):
-            break
-        gone.append(int(own.reading[worst]))
-    return gone
-
-
 def complement(problem: LinearProblem) -> Array:
     """Return a basis (n, n - r) of what the geometry does not take."""
-    basis = span(problem.geometry) if problem.geometry.size else problem.geometry[:, :0]
+    basis = problem.basis
     n = problem.residual.size
     whole = np.linalg.qr(np.concatenate([basis, np.eye(n)], axis=1))[0]
     return np.asarray(whole[:, basis.shape[1]:n])

@@ -2,16 +2,16 @@
 
 Sequentially thresholded ridge regression (Brunton, Proctor, Kutz, PNAS 113 (2016)): columns of unit
 length are fitted together, those with small coefficients struck out, and so on. A quarter of the
-poses chooses the threshold, none of the columns among the choices. It cannot name a single reading:
-no other pose tells of it.
+poses chooses the threshold, none of the columns among the choices. Readings that do not belong are
+put aside before: no other pose tells of one.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from labelled.linear import Candidate, LinearProblem, span, without
-from labelled.score import Name
 
+from labelled.linear import Candidate, LinearProblem, gross_readings, span, without
+from labelled.score import Name
 from ppmcal.linalg import Array
 
 SHARE = 0.25
@@ -25,21 +25,22 @@ BETTER = 0.95
 
 def names(problem: LinearProblem, seed: int) -> tuple[tuple[Name, ...], float]:
     """Return the candidates whose columns are left. It has no word for the unknown."""
+    problem, gone = gross_readings(problem)
     columns = _single(problem)
     out = _held_out(problem, seed)
     if not columns or not out.any() or out.all():
-        return (), 0.0
+        return gone, 0.0
     train, test = problem.take(~out), problem.take(out)
     if train.residual.size <= problem.basis.shape[1] + 2:
-        return (), 0.0
+        return gone, 0.0
     best, kept = BETTER * _error(train, test, [], columns), list[int]()
     for part in THRESHOLDS[::-1]:
         some = sparse(train, [c.columns[0] for c in columns], part)
         error = _error(train, test, some, columns)
         if error < best:
             best, kept = error, some
-    return tuple({(c.kind, c.on, c.slot): c.name() for c in (columns[k] for k in kept)}.values()
-                 ), 0.0
+    named = {(c.kind, c.on, c.slot): c.name() for c in (columns[k] for k in kept)}
+    return (*gone, *named.values()), 0.0
 
 
 def _single(problem: LinearProblem) -> list[Candidate]:

@@ -9,11 +9,11 @@ that needs no correction for the search.
 from __future__ import annotations
 
 import numpy as np
-from labelled.linear import Candidate, LinearProblem, gains, span, without
-from labelled.score import Name
 from scipy.stats import f as fisher
 from scipy.stats import t as student
 
+from labelled.linear import Candidate, LinearProblem, gains, span, without
+from labelled.score import Name
 from ppmcal.linalg import Array, Bools
 
 LEVEL = 0.01
@@ -46,7 +46,7 @@ def halves(problem: LinearProblem, seed: int) -> Bools:
 def gross(problem: LinearProblem, first: Bools) -> list[int]:
     """Return readings, from 0 on, that the other half predicts otherwise, one at a time."""
     gone: list[int] = []
-    while len(gone) < problem.readings // 4:
+    while len(gone) < np.unique(problem.reading).size // 4:
         stay = ~np.isin(problem.reading, gone)
         worst = [w for half in (first & stay, ~first & stay)
                  if (w := _worst(problem, half, stay & ~half)) is not None]
