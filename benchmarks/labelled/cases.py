@@ -35,19 +35,21 @@ class Cause:
     """One cause: kinds that name it (patterns), where; ``rows`` of the file's readings, from 1.
 
     ``joints``, of which one is enough; ``slots``: patterns, one of which has to fit; empty: any.
+    ``instead``: what names it as well.
     """
 
     kinds: tuple[str, ...]
     joints: tuple[str, ...] = ()
     slots: tuple[str, ...] = ()
     rows: tuple[int, int] | None = None
+    instead: tuple[Cause, ...] = ()
 
     def names(self, kind: str, on: Sequence[str], slot: str, rows: Sequence[int]) -> bool:
         """Return whether a name is this cause."""
-        return (fits(kind, self.kinds) and (not self.joints or bool(set(on) & set(self.joints)))
-                and (not self.slots or fits(slot, self.slots))
-                and (self.rows is None or any(
-                    self.rows[0] <= r <= self.rows[1] for r in rows)))
+        return any(c.names(kind, on, slot, rows) for c in self.instead) or (
+            fits(kind, self.kinds) and (not self.joints or bool(set(on) & set(self.joints)))
+            and (not self.slots or fits(slot, self.slots))
+            and (self.rows is None or any(self.rows[0] <= r <= self.rows[1] for r in rows)))
 
 
 @dataclass(frozen=True)
@@ -173,8 +175,8 @@ def _case(path: Path, of: str, entry: Mapping[str, Any]) -> Case:
 
 def _cause(where: str, entry: Any) -> Cause:
     if not isinstance(entry, dict) or "kind" not in entry or set(entry) - {
-            "kind", "joints", "slot", "rows"}:
-        raise BadInput("a cause has kind, and may have joints, slot, rows", where,
+            "kind", "joints", "slot", "rows", "or"}:
+        raise BadInput("a cause has kind, and may have joints, slot, rows, or", where,
                        "see benchmarks/labelled/README.md")
     rows = entry.get("rows")
     if rows is not None and not (isinstance(rows, list) and len(rows) == 2):
@@ -182,7 +184,8 @@ def _cause(where: str, entry: Any) -> Cause:
                        "write rows: [8, 9]")
     return Cause(_texts(entry["kind"]), _texts(entry.get("joints", ())),
                  _texts(entry.get("slot", ())),
-                 None if rows is None else (int(rows[0]), int(rows[1])))
+                 None if rows is None else (int(rows[0]), int(rows[1])),
+                 tuple(_cause(where, c) for c in entry.get("or", ())))
 
 
 def _texts(value: Any) -> tuple[str, ...]:

@@ -22,6 +22,8 @@ from pathlib import Path
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
+from rates.digest import engine_digest  # noqa: E402
+
 import ppmcal  # noqa: E402
 from labelled.cases import BASES, TRUTH, Case, read_sets  # noqa: E402
 from labelled.methods import NAMES, answers  # noqa: E402
@@ -35,6 +37,9 @@ from labelled.score import (  # noqa: E402
 )
 from labelled.sources import written  # noqa: E402
 from ppmcal.errors import BadInput, PpmcalError  # noqa: E402
+
+ENGINE = ("calibration", "diagnosis", "inference")
+"""What decides what the tool names."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -102,7 +107,7 @@ def write_cases(path: Path, of: Mapping[str, Sequence[Judged]]) -> None:
                               j.answer.seconds])
 
 
-def told(of: Mapping[str, Sequence[Judged]]) -> str:
+def told(of: Mapping[str, Sequence[Judged]], seed: int) -> str:
     """Return the table with what it is of."""
     some = next(iter(of.values()))
     seconds = ", ".join(f"{m} {sum(j.answer.seconds for j in found):.0f} s"
@@ -110,8 +115,9 @@ def told(of: Mapping[str, Sequence[Judged]]) -> str:
     bases = "; ".join(f"{b}: {BASES[b]}" for b in dict.fromkeys(j.case.basis for j in some))
     unseen = sum(not j.case.seen for j in some)
     return "\n".join([
-        f"ppmcal {ppmcal.__version__}, {len(some)} cases, {unseen} of them unseen by the tool's "
-        f"authors.", "", table(of), "",
+        f"Version {ppmcal.__version__}, engine {engine_digest(ENGINE)} ({', '.join(ENGINE)}), "
+        f"seed {seed}: {len(some)} cases, of {unseen} of which the readings were never seen by the "
+        "tool's authors.", "", table(of), "",
         f"In brackets: share in per cent, 95 % interval (Clopper and Pearson). Origins: {bases}.",
         f"CPU time: {seconds}."])
 
@@ -142,7 +148,7 @@ def _done(given: argparse.Namespace) -> int:
                 written(case, given.data, given.write_files / case.id)
             return 0
         of = {m: scored(cases, a, m) for m, a in ran(cases, given).items()}
-    text = told(of)
+    text = told(of, given.seed)
     if given.out:
         given.out.mkdir(parents=True, exist_ok=True)
         write_cases(given.out / "cases.csv", of)

@@ -61,6 +61,8 @@ RIGHT = Name("backlash", ("a",))
      "right"),
     (case(Cause(("geometry",), slots=("*.angle",))), said(Name("geometry", slot="radius")),
      "wrong"),
+    (case(Cause(("gain",), instead=(BACKLASH,))), said(RIGHT), "right"),
+    (case(Cause(("gain",), instead=(BACKLASH,))), said(Name("backlash", ("c",))), "wrong"),
     (case(), said(), "right"),
     (case(), said(Name("gain")), "wrong"),
     (case(), said(unknown=0.9), "unknown"),
