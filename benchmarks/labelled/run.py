@@ -23,6 +23,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 from rates.digest import engine_digest  # noqa: E402
+from rates.studies import filled  # noqa: E402
 
 import ppmcal  # noqa: E402
 from labelled.cases import BASES, TRUTH, Case, read_sets  # noqa: E402
@@ -54,6 +55,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--submission", type=Path, action="append", default=[],
                      help="score these answers; nothing is run")
     out.add_argument("--out", type=Path, help="folder for answers and table")
+    out.add_argument("--page", type=Path, help="put the table into this page of the guide, too")
     out.add_argument("--write-files", type=Path,
                      help="only write each case's mechanism and tables there")
     out.add_argument("--seed", type=int, default=1, help="of what methods draw")
@@ -62,15 +64,14 @@ def parser() -> argparse.ArgumentParser:
 
 
 def ran(cases: Sequence[Case], given: argparse.Namespace) -> dict[str, list[Answer]]:
-    """Return the answers of all methods, those of an earlier run with them."""
+    """Return the answers of all methods, from an earlier run where it has them."""
     found: dict[str, dict[str, Answer]] = {m: {} for m in given.methods}
-    ids = {c.id for c in cases}
     if given.out:
         given.out.mkdir(parents=True, exist_ok=True)
         for m in given.methods:
             path = given.out / f"{m}.jsonl"
             if path.exists():
-                found[m] = {a.case: a for a in read_answers(path) if a.case in ids}
+                found[m] = {a.case: a for a in read_answers(path)}
     todo = [(c, [m for m in given.methods if c.id not in found[m]]) for c in cases]
     todo = [(c, m) for c, m in todo if m]
     with multiprocessing.Pool(given.cores) as pool:
@@ -82,7 +83,7 @@ def ran(cases: Sequence[Case], given: argparse.Namespace) -> dict[str, list[Answ
                     write_answers(given.out / f"{m}.jsonl", found[m].values())
             took = sum(a.seconds for a in new.values())
             print(f"{n} of {len(todo)}: {case}, {took:.0f} s", file=sys.stderr, flush=True)
-    return {m: list(of.values()) for m, of in found.items()}
+    return {m: [of[c.id] for c in cases] for m, of in found.items()}
 
 
 def _one(root: Path, seed: int, job: tuple[Case, list[str]]) -> tuple[str, dict[str, Answer]]:
@@ -153,6 +154,9 @@ def _done(given: argparse.Namespace) -> int:
         given.out.mkdir(parents=True, exist_ok=True)
         write_cases(given.out / "cases.csv", of)
         (given.out / "table.md").write_text(text + "\n", encoding="utf-8")
+    if given.page:
+        given.page.write_text(filled(given.page.read_text(encoding="utf-8"), "labelled", text),
+                              encoding="utf-8")
     print(text)
     return 0
 

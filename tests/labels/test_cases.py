@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import csv
+import re
 
 import numpy as np
 import pytest
 import yaml
+from helpers.paths import ROOT
 from labelled.beds import way
 from labelled.cases import TRUTH, Case, Cause, injected, read_set, read_sets
 from labelled.methods import NAMES
+from labelled.run import ENGINE
 from labelled.score import (
     Answer,
     Name,
@@ -21,6 +24,7 @@ from labelled.score import (
     write_answers,
 )
 from labelled.sources import READERS
+from rates.digest import engine_digest
 
 from ppmcal.errors import BadInput
 
@@ -177,6 +181,23 @@ def test_truth_tables_of_the_project() -> None:
     with pytest.raises(BadInput, match="no case has this name"):
         read_sets(only=["nowhere"])
     assert NAMES == ("ppmcal", "bic", "sindy", "gp", "split")
+
+
+def test_the_guide_has_the_table_of_this_engine() -> None:
+    """Or says that there is none; every line's outcomes are as many as its cases."""
+    text = (ROOT / "docs/labelled-benchmark.md").read_text(encoding="utf-8")
+    block = text.split("<!-- rates: labelled -->")[1].split("<!-- end of rates -->")[0]
+    if "Not yet measured" in block:
+        return
+    made = re.search(r"Version \S+, engine (\w{12}) \([\w, ]+\), seed \d+", block)
+    assert made and (made[1] == engine_digest(ENGINE) or "An earlier engine's" in block)
+    cases = 0
+    lines = [[c.strip() for c in line.strip("|").split("|")]
+             for line in block.splitlines() if line.startswith("| ")][1:]
+    for _, count, method, *cells in lines:
+        cases = int(count or cases)
+        assert method in NAMES
+        assert sum(int(c.split(" ")[0]) for c in cells[:-1]) == cases
 
 
 def test_injected_by_hand(tmp_path) -> None:
