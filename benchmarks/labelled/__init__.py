@@ -1,0 +1,1 @@
+"""Machines with faults whose causes somebody wrote down: a truth table, a score, other methods."""
