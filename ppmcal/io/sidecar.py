@@ -115,6 +115,8 @@ class SidecarFile(Strict):
         kind = _kind_named(data)
         if kind is None:
             return data
+        if kind.along_line and _without_point(data):
+            data = {"frame": "known", **data}      # between two platform positions: it has none
         # an instrument that shows joints alone has neither, whatever is written, nor tilts a target
         last = {"frame": "known"} if kind.inside else {}
         last |= {"target": "known"} if kind.inside or not kind.of_poses else {}
@@ -149,6 +151,11 @@ def _kind_named(data: Any) -> InstrumentKind | None:
     instrument = data.get("instrument") if isinstance(data, Mapping) else None
     name = instrument.get("kind") if isinstance(instrument, Mapping) else None
     return instruments().get(name) if isinstance(name, str) else None
+
+
+def _without_point(data: Mapping[str, Any]) -> bool:
+    instrument = data["instrument"]
+    return isinstance(instrument, Mapping) and instrument.get("point") is None
 
 
 def sidecar_path(csv_path: Path) -> Path:
@@ -425,5 +432,6 @@ def _fixed_point(file: SidecarFile, mechanism: Mechanism, units: Units, source: 
     if raw in (None, "unknown"):
         raise BadInput("which distances tell most depends on where the fixed point is", place,
                        "Write it as well as you know it, such as `point: [0, 0, 500]`, in the "
-                       "base frame, and `frame: unknown` to have it fitted")
+                       "base frame, and `frame: unknown` to have it fitted; distances between two "
+                       "platform positions, which have none, are not planned")
     return point_of(raw, mechanism.motion, units, source, "instrument.point")

@@ -193,6 +193,17 @@ def test_heights_and_distances(tmp_path):
     np.testing.assert_allclose(d.extra["point"].value, [1e-3, 2e-3, 3e-3])
 
 
+def test_distances_between_two_platform_positions_need_no_frame(tmp_path):
+    side = [("kind: pose", "kind: distance"), ("frame: unknown\n", "")]
+    text = "q_arm1,q_arm2,q_arm3,to_q_arm1,to_q_arm2,to_q_arm3,distance\n1,2,3,4,5,6,70\n"
+    assert not dataset(tmp_path, text, CRANK, *side).frame.fitted
+    one = "q_arm1,q_arm2,q_arm3,distance\n1,2,3,70\n"
+    with pytest.raises(BadInput, match=r"the point they are measured from.*to_q_"):
+        dataset(tmp_path, one, CRANK, *side)
+    with pytest.raises(BadInput, match="'frame' is missing"):
+        dataset(tmp_path, one, CRANK, ("{kind: pose", "{point: [1, 2, 3], kind: distance"), side[1])
+
+
 def test_known_frames_and_targets(tmp_path):
     d = dataset(tmp_path, (GOOD / "good_run.csv").read_text(), BENCH,
                 ("frame: unknown", "frame: {x: 1, y: 2, rz: 90}"),
