@@ -15,7 +15,8 @@ from ppmcal.calibration.interpretation import without_stale
 from ppmcal.commands.spec import Measurements, Path_
 from ppmcal.errors import BadInput, NoResult, unknown
 from ppmcal.io import read_campaign, read_mechanism
-from ppmcal.io.dataset_reader import dataset_of, joined, may_be_words, read_files
+from ppmcal.io.campaign import datasets_in, joined
+from ppmcal.io.dataset_reader import may_be_words, read_files
 from ppmcal.io.frames import as_table, is_path
 from ppmcal.io.header import ReadFile
 from ppmcal.io.results.knowledge import read_basis
@@ -127,19 +128,19 @@ def _read_data(machine: Mechanism, sources: Sequence[Any],
         for source in sources:
             count += not is_path(source)
             label = (name or "table") + (str(count) if many else "")
-            made.append(_one(machine, source, sidecar, label))
+            made += _of_one(machine, source, sidecar, label)
         found = joined(made)
     return tuple(with_joints(machine, d) for d in found)
 
 
-def _one(machine: Mechanism, source: Any, sidecar: Mapping[str, Any] | Path_ | None, label: str
-         ) -> Dataset:
-    """Return one table with its sidecar as a data set."""
+def _of_one(machine: Mechanism, source: Any, sidecar: Mapping[str, Any] | Path_ | None,
+            label: str) -> list[Dataset]:
+    """Return one table with its sidecar as a data set, or as one for each of its targets."""
     loose = may_be_words(ReadFile(), machine)
     if is_path(source):
         path = Path(source)
         if sidecar is None:
-            return dataset_of(*read_files(path, machine), machine)
+            return datasets_in(*read_files(path, machine), machine)
         table = read_table(path, loose=loose)
     else:
         table = as_table(source, (), label, loose)
@@ -148,8 +149,8 @@ def _one(machine: Mechanism, source: Any, sidecar: Mapping[str, Any] | Path_ | N
                            'Give it, such as sidecar={"instrument": {"kind": "pose", "sigma": '
                            '{"position": 0.01, "rotation": 0.002}}}')
     if not isinstance(sidecar, Mapping):
-        return dataset_of(table, *read_sidecar(Path(sidecar)), machine)
-    return dataset_of(table, sidecar_of(sidecar, machine), "sidecar", machine)
+        return datasets_in(table, *read_sidecar(Path(sidecar)), machine)
+    return datasets_in(table, sidecar_of(sidecar, machine), "sidecar", machine)
 
 
 def prepared(mechanism: Machine, data: Measurements, free: Sequence[str] | str = (),

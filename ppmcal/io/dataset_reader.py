@@ -1,13 +1,10 @@
-"""Reading measurement files: CSV and sidecar to :class:`ppmcal.model.dataset.Dataset`, SI.
-
-Several files are one campaign: their names are unique, and frames may be shared.
-"""
+"""Reading a measurement file: CSV and sidecar to :class:`ppmcal.model.dataset.Dataset`, SI."""
 
 from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,10 +15,10 @@ from ppmcal.calibration.interpretation import (
     chance,
     steps_of,
     without_copies,
-    without_shared,
 )
-from ppmcal.errors import BadInput, unknown
+from ppmcal.errors import BadInput
 from ppmcal.io import column_names as names
+from ppmcal.io.body_targets import naming_columns
 from ppmcal.io.clock import clock_of_words
 from ppmcal.io.csv import Table, remark_table
 from ppmcal.io.header import MATRIX, ReadFile, bare_name, declared, header_columns, named
@@ -54,16 +51,13 @@ from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.instruments import InstrumentKind
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.repeats import commanded_poses, places
-from ppmcal.model.sessions import as_campaigns
-from ppmcal.notes import Note
+from ppmcal.notes import FINDING, NOTE, Note
 from ppmcal.units import Units
 from ppmcal.wording import row_list
-from ppmcal.wording.progress import stage
 
 log = logging.getLogger(__package__)
 
 
-@stage("reading the measurements")
 def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
     """Return the measurements of one CSV with its sidecar, everything in SI.
 
@@ -79,11 +73,16 @@ def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
     Raises:
         BadInput: anything wrong in either file, with file, place and hint.
     """
+    return dataset_of(*read_files(table_path(path), mechanism), mechanism)
+
+
+def table_path(path: str | os.PathLike[str]) -> Path:
+    """Return the path of a table, which has the stem of its sidecar where that is given."""
     csv_path = Path(path)
     if csv_path.suffix in (".yaml", ".yml"):
         suffixes = [s for s in SUFFIXES if csv_path.with_suffix(s).exists()]
         csv_path = csv_path.with_suffix((*suffixes, ".csv")[0])
-    return dataset_of(*read_files(csv_path, mechanism), mechanism)
+    return csv_path
 
 
 def read_files(path: Path, mechanism: Mechanism) -> tuple[Table, SidecarFile, str]:
@@ -103,7 +102,7 @@ def read_files(path: Path, mechanism: Mechanism) -> tuple[Table, SidecarFile, st
 def may_be_words(read: ReadFile, mechanism: Mechanism, kind: InstrumentKind | None = None
                  ) -> Callable[[str], bool]:
     """Return what says of a header whether the column may hold words: labels, what nobody needs."""
-    words = {*names.LABELS, *read.ignore,
+    words = {*names.LABELS, *read.ignore, *naming_columns(read),
              *(h for own, h in read.columns.items() if own in names.LABELS)}
     known = [*names.known_columns(mechanism, kind), *MATRIX, *mechanism.actuators,
              *read.columns.values()]
@@ -115,8 +114,12 @@ def may_be_words(read: ReadFile, mechanism: Mechanism, kind: InstrumentKind | No
     return loose
 
 
-def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism) -> Dataset:
-    """Return a table of measurements as a data set, with what its sidecar ``side`` says."""
+def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism,
+               mark: str = "") -> Dataset:
+    """Return a table of measurements as a data set, with what its sidecar ``side`` says.
+
+    ``mark``: the target that it is of, where the file has several.
+    """
     file = located(file, mechanism, side)
     source, units, read = table.source, file.units.units(), file.read
     kind = file.instrument.kind
@@ -169,7 +172,7 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
     refuse_noise(data, mechanism, side)
     _remark(data, table, file, side)
     data = replace(data, chance=chance(data, steps_of(plain.numbers, data, mechanism.reach)))
-    data = _usable(shifted_rows(_from_point(data, side), read.shift), mechanism)
+    data = _usable(shifted_rows(_from_point(data, side), read.shift), mechanism, mark)
     return without_copies(data)
 
 
@@ -267,7 +270,7 @@ def _sessions(table: Table) -> tuple[str, ...] | None:
     return tuple(words[i] for i in inverse)
 
 
-def _usable(data: Dataset, mechanism: Mechanism) -> Dataset:
+def _usable(data: Dataset, mechanism: Mechanism, mark: str) -> Dataset:
     """Leave out rows that hold no joint values or nothing measured, and say so."""
     seen = np.isfinite(np.column_stack([data.position, data.rotation, data.value])).any(axis=1)
     seen |= data.kind.blind
@@ -279,11 +282,13 @@ def _usable(data: Dataset, mechanism: Mechanism) -> Dataset:
         joints &= np.isfinite(data.to_q).all(axis=1)
     findings, dropped = list(data.findings), list[tuple[int, str]]()
     for bad, reason in ((~joints, lacking),
-                        (joints & ~seen, "nothing was measured")):
+                        (joints & ~seen, "nothing was measured" + f" of {mark}" * bool(mark))):
         rows = np.flatnonzero(bad)
         if rows.size:
+            # of several targets one is hidden now and then
             findings.append(Note(
-                f"{data.source}: {row_list(data.rows[rows] - 1)}: {reason}; left out."))
+                f"{data.source}: {row_list(data.rows[rows] - 1)}: {reason}; left out.",
+                NOTE if mark and reason != lacking else FINDING))
             dropped += [(int(i), reason) for i in data.rows[rows]]
     if not dropped:
         return data
@@ -318,61 +323,3 @@ def _state(place: Unknown) -> str:
     if place.same_as is not None:
         return f"that of {place.same_as}"
     return "fitted" if place.fitted else "known"
-
-
-# ---- campaigns
-
-
-def read_campaign(paths: Sequence[str | os.PathLike[str]], mechanism: Mechanism
-                  ) -> tuple[Dataset, ...]:
-    """Return the data sets of one campaign, with unique names and ``same_as`` resolved.
-
-    A frame that is the same as one that is given is given too; a chain of ``same_as`` ends
-    at the data set whose frame is fitted.
-
-    Raises:
-        BadInput: as :func:`read_dataset`; two data sets of one name, or a name in
-            ``same_as`` that is not among them.
-    """
-    return joined([read_dataset(p, mechanism) for p in paths])
-
-
-def joined(data: Sequence[Dataset]) -> tuple[Dataset, ...]:
-    """Return data sets as one campaign; see :func:`read_campaign`."""
-    by_name: dict[str, Dataset] = {}
-    for d in data:
-        if d.name in by_name:
-            raise BadInput(f"two data sets are called '{d.name}' (the other is "
-                           f"{by_name[d.name].source})", d.source,
-                           "Give each sidecar its own `name`, and each file only once")
-        by_name[d.name] = d
-    return as_campaigns(without_shared([replace(d, frame=_resolve(d, by_name)) for d in data]))
-
-
-def _resolve(data: Dataset, by_name: dict[str, Dataset]) -> Unknown:
-    frame, seen = data.frame, [data.name]
-    while frame.same_as is not None:
-        source = Path(by_name[seen[-1]].source)
-        # a table that is in memory has no file
-        side = sidecar_path(source) if source.suffix else f"sidecar of {source}"
-        place = f"{side}: frame.same_as"
-        others = [n for n in by_name if n not in seen]
-        if frame.same_as == seen[-1]:
-            raise BadInput("a data set has its own frame, this names itself", place,
-                           "Write `frame: unknown`, or name another data set" + (
-                               f": {', '.join(others)}" if others else ""))
-        if frame.same_as not in by_name and not others:
-            raise BadInput(f"unknown data set '{frame.same_as}': no other data set is given", place,
-                           f"Give '{frame.same_as}' too, or write `frame: unknown`")
-        if frame.same_as not in by_name:
-            error = unknown("data set", frame.same_as, others, place)
-            raise BadInput(error.what, place, f"{error.hint} Give the other file too")
-        if frame.same_as in seen:
-            raise BadInput(f"the data sets refer to each other in a circle "
-                           f"({' -> '.join([*seen, frame.same_as])})", place,
-                           "Write `frame: unknown` in one of them")
-        seen.append(frame.same_as)
-        frame = by_name[frame.same_as].frame
-    if len(seen) == 1 or not frame.fitted:
-        return frame
-    return Unknown(True, frame.value, seen[-1])

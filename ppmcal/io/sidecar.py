@@ -29,6 +29,7 @@ from ppmcal.io.schema import (
     each,
     is_number,
     numbers,
+    refuse,
     show,
 )
 from ppmcal.io.yaml import read_yaml
@@ -54,6 +55,19 @@ target: unknown
 _noise = each(numbers(
     lambda v: 0 <= v <= LARGEST, "a standard deviation",
     "Write a number of 0 or more, or one for each actuator: {leg1: 0.003}"))
+
+
+def _targets_given(value: object) -> object:
+    """Refuse what are not names of targets with their places."""
+    if value is None:
+        return None
+    if not isinstance(value, dict) or not value:
+        raise refuse(f"{show(value)} does not name targets",
+                     "Write {T1: unknown, T2: unknown}, or points [x, y, z] in platform axes")
+    for name in value:
+        if isinstance(name, bool) or not isinstance(name, str | int) or not str(name).strip():
+            raise refuse(f"{show(name)} is not the name of a target", "Name it as the file does")
+    return {str(name).strip(): place for name, place in value.items()}
 
 
 class SigmaFile(Strict):
@@ -112,6 +126,11 @@ class SidecarFile(Strict):
     @model_validator(mode="before")
     @classmethod
     def _assumed(cls, data: Any) -> Any:
+        if isinstance(data, Mapping) and data.get("targets") is not None:
+            if "target" in data:
+                raise refuse("there are several `targets`, and one `target`",
+                             "Take `target` out, or write it as one of the `targets`")
+            data = {**data, "target": "unknown"}
         kind = _kind_named(data)
         if kind is None:
             return data
@@ -132,6 +151,8 @@ class SidecarFile(Strict):
     """Pose of the base in the measuring frame: unknown, known (the same) or a pose."""
     target: Any
     """The measured point in platform axes: unknown, known (the origin) or a point."""
+    targets: Annotated[dict[str, Any] | None, BeforeValidator(_targets_given)] = None
+    """In place of `target`, several points of the platform: name -> unknown, known or a point."""
     name: Label | None = None
     """Name of the data set  [default: the file's]."""
     target_rotation: Any = "known"
@@ -191,9 +212,9 @@ def sidecar_of(content: Mapping[str, Any], mechanism: Mechanism) -> SidecarFile:
     """
     units = {"length": mechanism.units.length, "angle": mechanism.units.angle}
     kind = _kind_named(content)
-    return check(SidecarFile, {"format": FORMAT, "units": units, "frame": "unknown",
-                               "target": "unknown", **(kind.assumed if kind else {}), **content},
-                 "sidecar")
+    target = {} if content.get("targets") is not None else {"target": "unknown"}
+    return check(SidecarFile, {"format": FORMAT, "units": units, "frame": "unknown", **target,
+                               **(kind.assumed if kind else {}), **content}, "sidecar")
 
 
 def sigma_needs(file: SidecarFile, source: str, rotation: bool) -> None:

@@ -91,6 +91,10 @@ class Dataset:
         campaign: what the files of one campaign have in common, a name; empty: it stands alone.
         whole: the data set before rows were taken out: they were visited all the same; None:
             itself. ``place``: where its rows are in that one (N,).
+        body: of several targets in one file what these have in common, the file's name; empty: the
+            file has one. ``mark``: the target's name.
+        stands: a label per stand of the machine (N,), the same in all targets that were seen
+            there; None: rows of one number on the time line.
         weight: the part of what each row tells that counts (N,); None: all of it.
         gap_factor: what limbs may gap is multiplied by this, as the other noise was.
     """
@@ -134,6 +138,9 @@ class Dataset:
     before: int = 0
     moments: Ints | None = None
     campaign: str = ""
+    body: str = ""
+    mark: str = ""
+    stands: Ints | None = None
     whole: Dataset | None = None
     place: Ints | None = None
     weight: Array | None = None
@@ -192,6 +199,7 @@ class Dataset:
             columns={n: c[keep] for n, c in self.columns.items()}, sessions=sessions,
             visited=None if visited is None else visited[keep], unusable=unusable,
             moments=None if self.moments is None else self.moments[keep],
+            stands=None if self.stands is None else self.stands[keep],
             whole=self if self.whole is None else self.whole,
             place=np.arange(len(self))[keep] if self.place is None else self.place[keep],
             weight=None if self.weight is None else self.weight[keep])

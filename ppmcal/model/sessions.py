@@ -28,8 +28,8 @@ def session_masks(datasets: Sequence[Dataset]) -> list[tuple[str, list[Bools]]]:
     files: dict[str, list[str]] = {}
     for d in datasets:
         if not d.sessions:
-            files.setdefault(campaign(d), []).append(d.name)
-    name = {key: " + ".join(names) for key, names in files.items()}
+            files.setdefault(campaign(d), []).append(d.body or d.name)
+    name = {key: " + ".join(dict.fromkeys(names)) for key, names in files.items()}
     labels = [np.array(d.sessions) if d.sessions else None for d in datasets]
     every = dict.fromkeys(
         label for d in datasets for label in d.sessions or [name[campaign(d)]])
@@ -59,7 +59,8 @@ def as_campaigns(datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:
     """Return data sets that know what they have in common, their rows on one time line.
 
     Rows are numbered through all files in their order; targets of one body that were seen at the
-    same poses share the numbers, and the labels of the poses.
+    same poses share the numbers, and the labels of the poses. Targets of one file have them by its
+    rows.
     """
     owner = _owners(datasets)
     out, begin = list(datasets), 0
@@ -70,13 +71,17 @@ def as_campaigns(datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:
         first = whole[owner[i]]
         if first not in at:
             at[first] = begin
-            begin += int(datasets[first].rows.max(initial=0))
+            begin += max(int(d.rows.max(initial=0)) for d in datasets
+                         if d is datasets[first] or _one_file(d, datasets[first]))
         out[i] = replace(data, before=at[first], moments=None, campaign="")
     for i, o in enumerate(owner):
-        if whole[o] != i:
-            out[i] = _beside(out[i], out[whole[o]])
-        elif owner.count(o) > 1:
-            out[i] = replace(out[i], campaign=datasets[whole[o]].name)
+        if owner.count(o) == 1:
+            continue
+        first = whole[o]
+        if first == i or _one_file(datasets[i], datasets[first]):
+            out[i] = replace(out[i], campaign=datasets[first].name)
+        else:
+            out[i] = _beside(out[i], out[first])
     return _heights_and_distances(out)
 
 
@@ -91,11 +96,18 @@ def _owners(datasets: Sequence[Dataset]) -> list[int]:
     return owner
 
 
+def _one_file(one: Dataset, two: Dataset) -> bool:
+    """Whether one file said of both that they are targets of one body."""
+    return bool(one.body) and one.body == two.body
+
+
 def _other_target(one: Dataset, two: Dataset) -> bool:
     """Whether two files hold two targets of one body, seen at the same poses from one frame.
 
     Or what encoders at other joints, or an inclinometer, read there.
     """
+    if _one_file(one, two):
+        return True
     if one.sessions or two.sessions:
         return False
     beside = one.kind is not two.kind and not (one.kind.of_poses and two.kind.of_poses)
@@ -153,8 +165,8 @@ def _beside(data: Dataset, first: Dataset) -> Dataset:
     labels, group = np.unique(data.groups, return_inverse=True)
     new = int(first.groups.max(initial=-1)) + 1 + np.arange(labels.size)
     new[group.reshape(-1)[known[::-1]]] = first.groups[place[known[::-1]]]
-    return replace(data, campaign=first.name, moments=first.numbers()[place[known]][last],
-                   groups=new[group.reshape(-1)])
+    return replace(data, campaign=first.name, stands=None, groups=new[group.reshape(-1)],
+                   moments=first.numbers()[place[known]][last])
 
 
 def _heights_and_distances(datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:

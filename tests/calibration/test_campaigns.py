@@ -18,7 +18,7 @@ from ppmcal.calibration.knowledge.intervals import by_sessions
 from ppmcal.calibration.validation.residual_vectors import split
 from ppmcal.diagnosis.left_out_schemes import SESSION, schemes
 from ppmcal.errors import BadInput
-from ppmcal.io.dataset_reader import joined
+from ppmcal.io.campaign import joined
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward

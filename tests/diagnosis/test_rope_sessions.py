@@ -9,7 +9,6 @@ from functools import partial
 import numpy as np
 import pytest
 from helpers.commands import ppmcal as run
-from ppmcal.io.campaign import read_campaign
 from ropes.machines import MACHINES
 from ropes.world import CAUSES, session
 from ropes_study import write
@@ -22,6 +21,7 @@ from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.question import blocks
 from ppmcal.errors import BadInput
 from ppmcal.inference.priors import ALL_ALIKE, MOVED
+from ppmcal.io.campaign import read_campaign
 from ppmcal.io.mechanism_reader import read_mechanism
 
 

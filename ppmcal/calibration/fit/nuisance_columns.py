@@ -94,6 +94,7 @@ def lay_out(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[in
     motion = mechanism.motion
     opens: dict[int, NuisanceColumns] = {}
     by_name: dict[str, NuisanceColumns] = {}
+    by_body: dict[str, NuisanceColumns] = {}
     turn_parts = tuple(p - 3 for p in motion.measured_turns)
     # a frame that another data set owns must have its columns before it is referred to
     for i, data in sorted(enumerate(datasets), key=lambda d: bool(d[1].frame.same_as)):
@@ -114,14 +115,18 @@ def lay_out(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[in
         turns = data.target_rotation.fitted and motion.turns and (
             data.kind.sees_rotation or data.kind.of_turn is not None)
         turn = take(turns, [f"target_rotation.{POSE_COORDINATES[3 + p]}" for p in turn_parts])
-        homing = take((i > 0 and data.homing == "per-file") or data.homing == "alone",
-                      [f"homing.{a}" for a in mechanism.actuators])
-        scale = take(data.scale.fitted, ["scale"])
+        # targets of one file were seen by one instrument, after one homing
+        file = by_body.get(data.body) if data.body else None
+        homing = file.homing if file and data.homing == "per-file" else take(
+            (i > 0 and data.homing == "per-file") or data.homing == "alone",
+            [f"homing.{a}" for a in mechanism.actuators])
+        scale = file.scale if file else take(data.scale.fitted, ["scale"])
         offset = take(data.offset.fitted, [f"offset.{POSE_COORDINATES[data.kind.place]}"]
                       if data.offset.fitted else ())
         opens[i] = NuisanceColumns(frame, target, turn, homing, scale, offset, parts, points,
                                    turn_parts, np.where(np.isfinite(about), about, 0.0))
         by_name[data.name] = opens[i]
+        by_body.setdefault(data.body, opens[i])
     return tuple(opens[i] for i in range(len(opens))), tuple(names)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.errors import BadInput, PpmcalError
-from ppmcal.io import read_dataset
+from ppmcal.io.campaign import read_datasets
 from ppmcal.io.csv import Table
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import FittedDataset, RegistrationEntry
@@ -148,7 +148,8 @@ def _read(one: FittedRows, entry: FittedDataset, mechanism: Mechanism) -> Datase
     recorded = [own for k, own in inputs.items() if Path(k).name == side.name]
     if recorded and digest_of(side) not in recorded:
         raise BadInput(f"{side.name}, beside {file}, has changed since", one.folder)
-    return read_dataset(same, mechanism)
+    found = read_datasets(same, mechanism)
+    return next((d for d in found if d.name == entry.name), found[0])
 
 
 def _of_dataset(table: Table, rows: Ints, data: Dataset, entry: FittedDataset,

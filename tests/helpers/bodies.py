@@ -1,0 +1,134 @@
+"""A planar bench that several marks on its platform were measured at, made without the program.
+
+Poses are drawn, legs are the distances between joint centres of the true bench; what is recorded
+of them has the joints' noise, what is seen of each mark the camera's. Lengths are mm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+BASE = np.array([[0.0, 0.0], [1000.0, 0.0], [500.0, 860.0]])
+PLATFORM = np.array([[70.0, -120.0], [70.0, 120.0], [-140.0, 0.0]])
+MARKS: Mapping[str, tuple[float, float]] = {
+    "T1": (40.0, -15.0), "T2": (-65.0, 30.0), "T3": (10.0, 90.0)}
+FRAME = (35.0, -20.0, 0.2)
+MACHINE = """format: ppmcal/mechanism/1
+name: bench
+units: {length: mm, angle: deg}
+motion: planar
+limbs:
+  - {name: leg1, kind: R(P)R, base: {point: [0, 0]}, platform: {point: [70, -120]}}
+  - {name: leg2, kind: R(P)R, base: {point: [1000, 0]}, platform: {point: [70, 120]}}
+  - {name: leg3, kind: R(P)R, base: {point: [500, 860]}, platform: {point: [-140, 0]}}
+home: {pose: {x: 500, y: 290, rz: 5}}
+tolerances: {point: 0.5, offset: 0.4}
+free: ["*.offset", "*.base.point.?"]
+"""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A campaign: joints (N, 3) as recorded, marks (N, 2) by name, and errors by parameter."""
+
+    q: Floats
+    marks: dict[str, Floats]
+    errors: dict[str, float]
+
+
+def turned(angle: Floats | float) -> Floats:
+    """Return rotations of the plane (..., 2, 2)."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], -2)
+
+
+def measured(seed: int, rows: int = 40, sigma: float = 0.01, joint: float = 0.0,
+             names: Sequence[str] = tuple(MARKS), moved: Mapping[str, tuple[int, Sequence[float]]]
+             | None = None) -> Seen:
+    """Return a campaign of the true bench; ``moved``: marks that moved by so much from a row on."""
+    rng = np.random.default_rng(seed)
+    errors = {f"leg{i + 1}.{slot}": float(rng.normal() * size) for i in range(3)
+              for slot, size in (("offset", 0.4), ("base.point.x", 0.5), ("base.point.y", 0.5))}
+    base = BASE + np.array([[errors[f"leg{i}.base.point.{c}"] for c in "xy"] for i in (1, 2, 3)])
+    offset = np.array([errors[f"leg{i}.offset"] for i in (1, 2, 3)])
+    place = np.array([500.0, 290.0]) + rng.uniform(-90.0, 90.0, (rows, 2))
+    turn = turned(rng.uniform(-0.35, 0.35, rows))
+    legs = np.linalg.norm(place[:, None] + PLATFORM @ np.swapaxes(turn, -1, -2) - base, axis=-1)
+    q = legs - offset + joint * rng.normal(size=legs.shape)
+    out = {}
+    for name in names:
+        at = np.tile(MARKS[name], (rows, 1))
+        row, step = (moved or {}).get(name, (rows + 1, (0.0, 0.0)))
+        at[row - 1:] += step
+        point = place + (turn @ at[..., None])[..., 0]
+        out[name] = (np.array(FRAME[:2]) + point @ turned(FRAME[2]).T
+                     + sigma * rng.normal(size=(rows, 2)))
+    return Seen(q, out, errors)
+
+
+def sidecar(name: str, targets: str, sigma: float = 0.01, joint: float = 0.0,
+            frame: str = "unknown", more: str = "") -> str:
+    """Return a sidecar's text; ``targets``: the line that says what was measured."""
+    drives = f", actuator: {joint:g}" if joint else ""
+    return ("format: ppmcal/dataset/1\n" f"name: {name}\nunits: {{length: mm, angle: deg}}\n"
+            f"instrument: {{kind: position, sigma: {{position: {sigma:g}{drives}}}}}\n"
+            f"frame: {frame}\n{targets}\n{more}")
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return the sidecar's line of unknown targets."""
+    return f"targets: {{{', '.join(f'{n}: unknown' for n in names)}}}"
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    return "\n".join(",".join(f"{v:.17g}" if isinstance(v, float) else str(v) for v in row)
+                     for row in [list(header), *rows]) + "\n"
+
+
+JOINTS = ("q_leg1", "q_leg2", "q_leg3")
+
+
+def wide(folder: Path, seen: Seen, joint: float = 0.0, spelt: str = "{name}{axis} [mm]",
+         more: str = "") -> Path:
+    """Write a file with columns of each mark."""
+    heads = [spelt.format(name=n, axis=c) for n in seen.marks for c in "xy"]
+    (folder / "wide.csv").write_text(_table(("pose", *JOINTS, *heads), [
+        [i + 1, *seen.q[i].tolist(), *(v for m in seen.marks.values() for v in m[i].tolist())]
+        for i in range(len(seen.q))]))
+    (folder / "wide.yaml").write_text(sidecar("body", listed(list(seen.marks)), joint=joint,
+                                              more=more))
+    return folder / "wide.csv"
+
+
+def long(folder: Path, seen: Seen, joint: float = 0.0, column: str = "target") -> Path:
+    """Write a file with a row for each mark at each pose."""
+    (folder / "long.csv").write_text(_table((*JOINTS, column, "x", "y"), [
+        [*seen.q[i].tolist(), name, *m[i].tolist()]
+        for i in range(len(seen.q)) for name, m in seen.marks.items()]))
+    (folder / "long.yaml").write_text(sidecar("body", listed(list(seen.marks)), joint=joint))
+    return folder / "long.csv"
+
+
+def several(folder: Path, seen: Seen, joint: float = 0.0) -> list[Path]:
+    """Write a file for each mark."""
+    out, frame = [], "unknown"
+    for name, marks in seen.marks.items():
+        (folder / f"{name}.csv").write_text(_table((*JOINTS, "x", "y"), [
+            [*q.tolist(), *m.tolist()] for q, m in zip(seen.q, marks, strict=True)]))
+        (folder / f"{name}.yaml").write_text(sidecar(
+            f"body {name}", "target: unknown", joint=joint, frame=frame))
+        frame = f"{{same_as: body {next(iter(seen.marks))}}}"
+        out.append(folder / f"{name}.csv")
+    return out
+
+
+def machine(folder: Path) -> Path:
+    """Write the bench."""
+    (folder / "bench.yaml").write_text(MACHINE)
+    return folder / "bench.yaml"
