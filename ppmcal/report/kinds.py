@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ppmcal.report.certified import CERTIFY
 from ppmcal.report.comparison import COMPARE
 from ppmcal.report.controllers import EXPORT
 from ppmcal.report.design import DESIGN
@@ -16,7 +17,7 @@ from ppmcal.report.validation import VALIDATE
 
 KINDS: tuple[Kind[Any], ...] = (
     IDENTIFY, DIAGNOSE, COMPENSATE, KINEMATICS, SIMULATE, OTHER, DESIGN, VALIDATE, COMPARE, EXPORT,
-    TRUTH)
+    CERTIFY, TRUTH)
 """In the order of report.json."""
 IN_ORDER = sorted(KINDS, key=lambda kind: kind.order)
 """In the order of the page."""

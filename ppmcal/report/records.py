@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Generic, TypeAlias, TypeVar
 
 from ppmcal.io.csv import Table
+from ppmcal.io.results.certificate import CertificateRecord
 from ppmcal.io.results.commands import CommandsRecord
 from ppmcal.io.results.comparison import ComparisonRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
@@ -201,5 +202,6 @@ class ReportData:
     validated: tuple[Held[ValidationRecord], ...] = ()
     compared: tuple[Held[ComparisonRecord], ...] = ()
     exported: tuple[Held[ExportRecord], ...] = ()
+    certified: tuple[Held[CertificateRecord], ...] = ()
     comparisons: tuple[ComparedMachines, ...] = ()
     use: Callable[[str], str] = lambda _: ""

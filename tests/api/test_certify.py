@@ -29,6 +29,7 @@ from ppmcal.errors import BadInput
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import ErrorStages
 from ppmcal.io.results.parts import ErrorSize
+from ppmcal.wording import number
 
 RULE = {"rule": "guarded acceptance", "limit": 0.1}
 
@@ -395,3 +396,27 @@ def test_the_page_fits_on_a4(bench: Path, tmp_path: Path) -> None:
         assert not page.errors and not page.requests
     printed = (tmp_path / "printed.pdf").read_bytes()
     assert 2 <= int(re.findall(rb"/Count (\d+)", printed)[0]) <= 4
+
+
+# ---- reports
+
+
+def test_a_report_has_what_the_certificate_states(bench: Path, record: dict[str, Any]) -> None:
+    ppmcal("report", "certificate", "--out", "page", cwd=bench, expect=0)
+    page = (bench / "page/report.html").read_text("utf-8")
+    chapter = page[page.index("Calibration certificate"):]
+    for words in ("Uncertainty (GUM)", "Decision", "Range of validity", "certificate.html"):
+        assert words in chapter
+    for figure in record["figures"]:
+        assert figure["value"] is None or number(figure["value"], 4).replace("-", "−") in chapter
+    told = json.loads((bench / "page/report.json").read_text("utf-8"))
+    assert [c["record"]["figures"] for c in told["certificates"]] == [record["figures"]]
+
+
+def test_a_limit_that_is_not_kept_is_what_to_look_at(bench: Path, tmp_path: Path) -> None:
+    failed = json.loads((bench / "certificate/certificate.json").read_text("utf-8"))
+    failed["decision"]["result"] = "fail"
+    (tmp_path / "certificate.json").write_text(json.dumps(failed), "utf-8")
+    ppmcal("report", tmp_path, "--out", tmp_path / "page", expect=0)
+    told = json.loads((tmp_path / "page/report.json").read_text("utf-8"))
+    assert any("the agreed limit is not kept" in a["what"] for a in told["attention"])

@@ -13,6 +13,7 @@ from pydantic import BeforeValidator, Field
 
 from ppmcal.errors import BadInput
 from ppmcal.io.json_schema import DIALECT, Schema, without_null
+from ppmcal.io.results.certificate_content import ISO_AXES, ISO_POSES
 from ppmcal.io.schema import Label, Positive, Strict, UnitsFile, check, choice, refuse, show
 from ppmcal.io.schema import numbers as numbers_of
 from ppmcal.io.yaml import read_yaml
@@ -21,8 +22,6 @@ FORMAT = "ppmcal/about/1"
 NONE, SIMPLE, GUARDED = "none", "simple acceptance", "guarded acceptance"
 T95, K2 = "t", "2"
 LARGEST, P95, RMS = "largest error", "95 % point", "rms error"
-ISO_POSES, ISO_AXES = 30, 5
-"""Repeats that ISO 9283 and ISO 230-2 ask for, from one side."""
 
 
 def _date(value: object) -> str:

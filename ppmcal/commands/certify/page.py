@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.commands.certify.content import (
+from ppmcal.io.results.certificate import CertificateRecord
+from ppmcal.io.results.certificate_content import (
     Block,
     ErrorMap,
     Heading,
@@ -19,7 +20,6 @@ from ppmcal.commands.certify.content import (
     blocks,
     title,
 )
-from ppmcal.io.results.certificate import CertificateRecord
 from ppmcal.plotting.style import figure, look, png
 
 WIDTH, HEIGHT = 6.6, 2.9

@@ -13,7 +13,9 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
 from matplotlib.textpath import text_to_path
 
-from ppmcal.commands.certify.content import (
+from ppmcal.commands.certify.page import HEIGHT, WIDTH, draw
+from ppmcal.io.results.certificate import CertificateRecord
+from ppmcal.io.results.certificate_content import (
     Block,
     ErrorMap,
     Heading,
@@ -23,8 +25,6 @@ from ppmcal.commands.certify.content import (
     blocks,
     title,
 )
-from ppmcal.commands.certify.page import HEIGHT, WIDTH, draw
-from ppmcal.io.results.certificate import CertificateRecord
 from ppmcal.plotting.style import INK, LINE, SOFT, look
 
 PAPER = 210.0 / 25.4, 297.0 / 25.4

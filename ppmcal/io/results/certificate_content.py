@@ -1,17 +1,17 @@
-"""What stands on a certificate, part by part: the HTML page and the PDF lay out the same."""
+"""What stands on a certificate, part by part: its page, its PDF and reports lay out the same."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from ppmcal.commands.certify.about import ISO_AXES, ISO_POSES
 from ppmcal.io.results.certificate import CertificateRecord, CertifiedFigure
 from ppmcal.wording import number
 
 NONE = "–"
+ISO_POSES, ISO_AXES = 30, 5
+"""Repeats that ISO 9283 and ISO 230-2 ask for, from one side."""
 ASKED = {"ISO 9283": ISO_POSES, "ISO 230-2": ISO_AXES}
-"""Repeats that the standards ask for."""
 
 
 @dataclass(frozen=True)
