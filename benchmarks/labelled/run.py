@@ -117,8 +117,8 @@ def told(of: Mapping[str, Sequence[Judged]], seed: int) -> str:
     unseen = sum(not j.case.seen for j in some)
     return "\n".join([
         f"Version {ppmcal.__version__}, engine {engine_digest(ENGINE)} ({', '.join(ENGINE)}), "
-        f"seed {seed}: {len(some)} cases, of {unseen} of which the readings were never seen by the "
-        "tool's authors.", "", table(of), "",
+        f"seed {seed}: {len(some)} cases of {', '.join(dict.fromkeys(j.case.set for j in some))}; "
+        f"the tool's authors had never seen the readings of {unseen}.", "", table(of), "",
         f"In brackets: share in per cent, 95 % interval (Clopper and Pearson). Origins: {bases}.",
         f"CPU time: {seconds}."])
 

@@ -168,6 +168,7 @@ def test_command_scores_and_goes_on(bench: Path, tmp_path: Path, capsys) -> None
              "--methods", "bic", "split"]
     assert main(asked) == 0
     told = capsys.readouterr().out
+    assert "seed 1: 2 cases of set; the tool's authors had never seen the readings of 0." in told
     assert "| k (injected) | 1 | bic | 1 (2-100) |" in told
     answers = read_answers(tmp_path / "out/bic.jsonl")
     assert {a.case for a in answers} == {"set/bench", "set/typed"}
