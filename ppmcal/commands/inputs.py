@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,7 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import unmatched
 from ppmcal.notes import Note
 from ppmcal.store.inputs import path_errors
+from ppmcal.store.runs import RecordedRun, runs_of
 from ppmcal.store.transaction import recover
 from ppmcal.wording import abbreviate_list
 
@@ -235,6 +236,24 @@ def place_of(source: Any, what: str) -> str:
 def files_of(*sources: Any) -> list[Path_]:
     """Return those of the inputs that are files."""
     return [s for s in sources if s is not None and is_path(s)]
+
+
+def imports_behind(model: Path) -> Iterator[RecordedRun]:
+    """Yield the runs of ``import`` whose files a model, or a folder of results, came from.
+
+    What is recorded of each folder's inputs leads to the folder before.
+    """
+    folders, seen = [model if model.is_dir() else model.parent], set[str]()
+    while folders:
+        folder = folders.pop()
+        if os.path.realpath(folder) in seen or not folder.is_dir():
+            continue
+        seen.add(os.path.realpath(folder))
+        for run in runs_of(folder):
+            if run.command == "import":
+                yield run
+            else:
+                folders += [Path(run.working_folder, name).parent for name in run.source.inputs]
 
 
 def started(mechanism: Mechanism, start: Path) -> tuple[Mechanism, list[Note]]:

@@ -35,13 +35,15 @@ class PoseUncertainty:
     """The model's own standard deviation, root mean square over poses; None where unknown.
 
     ``position`` m, ``rotation`` rad (None too where nothing turns); ``frame``: of which data set,
-    or ``base``; ``reason``: why it is unknown.
+    or ``base``; ``reason``: why it is unknown; ``undetermined``: because measurements leave every
+    pose open.
     """
 
     position: float | None
     rotation: float | None
     frame: str
     reason: str = ""
+    undetermined: bool = False
 
     def entry(self) -> CommandErrors:
         """Return the entry of export.json, mm and degrees."""
@@ -77,7 +79,8 @@ def pose_uncertainty(mechanism: Mechanism, poses: Array | None, model: Path) -> 
                                      knowledge, name, rest_columns(mechanism, len(poses)))
     seen = np.isfinite(position)
     if not seen.any():
-        return PoseUncertainty(None, None, name or "base", "no pose has an uncertainty")
+        return PoseUncertainty(None, None, name or "base", "no pose has an uncertainty",
+                               undetermined=True)
     turns = mechanism.motion.turns
     return PoseUncertainty(rms(position[seen]), rms(rotation[seen]) if turns else None,
                            name or "base")
@@ -164,6 +167,7 @@ class Exported:
         not_expressed: what cannot be expressed; notes: what was done to express the rest.
         advice: sentences on how to bring the numbers into the controller.
         extra: more for export.json.
+        copy: which of the files is a copy of the controller's own with the new numbers.
     """
 
     controller: str
@@ -180,6 +184,7 @@ class Exported:
     extra: Mapping[str, Any] = field(default_factory=dict)
     poses: Array | None = None
     uncertainty: PoseUncertainty = UNKNOWN
+    copy: str = ""
 
     def expected(self, errors: ErrorSummary) -> ErrorSummary | None:
         """Return the error to expect with ``before`` or ``after``: what the model lacks is in both.
@@ -212,6 +217,21 @@ class Exporter(Protocol):
         ...
 
 
+FEW_LINES = 30
+"""A file of no more lines is shown, to be pasted."""
+
+
+def _few_lines(exported: Exported) -> tuple[str, ...]:
+    """Return the lines of the controller's file without comments, none of a long one."""
+    text = next(iter(exported.files.values()), "")
+    if text.count("\n") > 2 * FEW_LINES:
+        return ()
+    own = [line for line in text.splitlines() if not line.lstrip().startswith(("#", ";"))]
+    found = tuple(line for line, above in zip(own, ["", *own], strict=False)
+                  if line.strip() or above.strip())
+    return found if len(found) <= FEW_LINES else ()
+
+
 def record_of(exported: Exported, name: str, provenance: Mapping[str, Any]) -> ExportRecord:
     """Return export.json of the machine ``name``."""
     before, after = (CommandErrors(rms=None, unit="mm") if e is None else e.rms_entry() for e in (
@@ -223,6 +243,7 @@ def record_of(exported: Exported, name: str, provenance: Mapping[str, Any]) -> E
         old={n.name: n.old for n in exported.numbers if n.old is not None},
         number_units={n.name: n.unit for n in exported.numbers},
         title=exported.title, summary=exported.summary, over=exported.over,
+        lines=_few_lines(exported),
         predicted=PredictedErrors(
             format=exported.after.rms_entry(), model=exported.uncertainty.entry(),
             before=before, after=after),

@@ -31,6 +31,19 @@ def read_text(path: str | os.PathLike[str], hint: str = "", limit: Limit = CONFI
     return data.decode("utf-8-sig", errors="replace")
 
 
+def exact_text(path: Path) -> str:
+    """Return a file's text that is to be written again, but for the mark that it begins with.
+
+    Raises:
+        BadInput: it is not UTF-8 throughout.
+    """
+    try:
+        return read_bytes(path, CONFIG_BYTES).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise BadInput("is not UTF-8 throughout, and a copy would not be the same", str(path),
+                       "Save it as UTF-8, or leave out --write and paste the lines") from None
+
+
 def commented(text: str, sign: str = "#") -> list[str]:
     """Return the lines of a text as comments."""
     return [f"{sign} {line}".rstrip() for line in text.splitlines()]

@@ -23,6 +23,7 @@ from ppmcal.report.html import (
     number,
     number_cell,
     paragraph,
+    part,
     sig,
     table,
     text_cell,
@@ -41,7 +42,9 @@ def export_section(one: Held[ExportRecord]) -> Section:
     """Return everything about one export."""
     r = one.record
     notes = [sentence(n) for n in (*r.notes, *r.advice)]
-    return Section(f"Export: {r.called}", paragraph(_said(r), "big") + _numbers(r), one.folder,
+    verdict = paragraph(r.verdict.sentences(), "big") if r.verdict.answer else ""
+    head = verdict + _lines(r) + paragraph(_said(r), "" if verdict else "big")
+    return Section(f"Export: {r.called}", head + _numbers(r), one.folder,
                    parts=filled([_gain(r), _not_expressed(r),
                                  Section("Notes", bullets(notes)) if notes else None]))
 
@@ -53,6 +56,14 @@ def _said(r: ExportRecord) -> str:
         return f"{head}{r.summary.rstrip('.')}.{written}"
     return (f"{head}written for {r.called}, which holds {'all' if r.exact else 'most'} of it."
             f"{written}")
+
+
+def _lines(r: ExportRecord) -> str:
+    """Return the lines to paste, empty where there are none or many."""
+    if not r.lines:
+        return ""
+    file = r.files[0] if r.files else "the file"
+    return paragraph(f"Lines to paste, in {file}:") + part("lines", r.lines)
 
 
 def _numbers(r: ExportRecord) -> str:
@@ -156,4 +167,5 @@ EXPORT: Kind[Held[ExportRecord]] = Kind(
     lambda one, _: {"folder": one.folder, "export": one.record.entries()},
     lambda one: [("export", one.record)],
     lambda one, _: [(one.folder, text) for text in one.record.all_findings()],
-    lambda one, _: {"errors": drawings(one.record)})
+    lambda one, _: {"errors": drawings(one.record)},
+    lambda one, _: [text for text in [one.record.verdict.sentences()] if text])

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -15,7 +17,7 @@ from ppmcal.errors import BadInput
 from ppmcal.store.folder import RECORD, check_files, record_text, refuse_inputs, stale_files
 from ppmcal.store.inputs import Run, current
 from ppmcal.store.stage import Staging, not_written, plain_name
-from ppmcal.store.transaction import install, staged
+from ppmcal.store.transaction import install, staged, sync
 from ppmcal.wording.progress import note
 
 
@@ -151,3 +153,60 @@ def _written(path: Path, content: Content) -> str:
         stream.flush()
         os.fsync(stream.fileno())
     return digest.hexdigest()
+
+
+KEPT = ".before-"
+"""What stands between a file's name and a number where a copy of it is kept beside."""
+
+
+def replace_kept(path: Path, text: str, digest: str) -> Path:
+    """Replace a file of the user's at once, and return the copy of it that is kept beside.
+
+    Links are followed, the mode stays. Nothing has changed where this fails, but for the copy.
+
+    Args:
+        path: the file.
+        text: what it is to hold.
+        digest: SHA-256 of what it has to hold now.
+
+    Raises:
+        BadInput: it has changed, or cannot be written.
+    """
+    place = Path(os.path.realpath(path))
+    try:
+        now = place.read_bytes()
+        if hashlib.sha256(now).hexdigest() != digest:
+            raise BadInput("has changed since it was read", str(path), "Run the command again")
+        kept = _kept(place, now)
+        new = place.with_name(f"{place.name}.new-{os.getpid()}")
+        try:
+            with new.open("xb") as stream:
+                stream.write(text.encode())
+                stream.flush()
+                os.fsync(stream.fileno())
+            shutil.copymode(place, new)
+            os.replace(new, place)
+        finally:
+            new.unlink(missing_ok=True)
+        sync(place.parent)
+    except OSError as error:
+        raise not_written(path, error) from None
+    return kept if path.is_symlink() else path.with_name(kept.name)
+
+
+def _kept(place: Path, content: bytes) -> Path:
+    """Return a copy beside that holds ``content``, made where there is none; none is replaced."""
+    for number in count(1):
+        kept = place.with_name(f"{place.name}{KEPT}{number}")
+        try:
+            with kept.open("xb") as stream:
+                stream.write(content)
+                stream.flush()
+                os.fsync(stream.fileno())
+        except FileExistsError:
+            if kept.is_file() and kept.read_bytes() == content:
+                return kept
+            continue
+        shutil.copymode(place, kept)
+        return kept
+    raise AssertionError("numbers do not end")

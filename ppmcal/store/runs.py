@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from glob import escape
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,6 +19,7 @@ from ppmcal.errors import BadInput, cleaned_up, uninterrupted
 from ppmcal.limits import FOLDERS
 from ppmcal.store.folder import RECORD, read_record
 from ppmcal.store.inputs import digest_of
+from ppmcal.store.output import KEPT
 from ppmcal.store.provenance import Provenance
 from ppmcal.store.stage import plain_name
 from ppmcal.store.transaction import recover
@@ -97,12 +99,13 @@ class FoundInputs:
     """The inputs of a run: where each is now, and what is wrong with the others."""
 
     def __init__(self, run: RecordedRun, folder: Path | None) -> None:
-        """Look for them where they were, from here, and in ``folder``."""
+        """Look for them where they were, kept beside, from here, and in ``folder``."""
         self.places: dict[str, Path] = {}
         self.wrong: list[InputCheck] = []
         self._folder = folder
         for path, digest in run.source.inputs.items():
-            near = [Path(run.working_folder, path), Path(path)]
+            near = [one for p in (Path(run.working_folder, path), Path(path))
+                    for one in (p, *sorted(p.parent.glob(f"{escape(p.name)}{KEPT}*")))]
             sums = {p: digest_of(p) for p in near}
             here = next((p for p in near if sums[p] == digest), None) or self._elsewhere(
                 Path(path).name, digest)

@@ -36,12 +36,12 @@ class ExportArguments(Arguments):
         otherwise="the nominal values of {model}")
     poses: Path_ | None = option(None, "Wanted poses, for formats that are tables of them.")
     write: bool = option(
-        False, "Write a copy of --old with the new numbers as well "
-        f"({', '.join(name for name, one in own().items() if one.copies)}), such as its own "
-        "reader takes them.")
+        False, "Put the new numbers into --old "
+        f"({', '.join(name for name, one in own().items() if one.copies)}), which is kept beside "
+        "as it was; it has to be the file that {model} was read from.")
     regardless: bool = regardless(
         "a model whose fit had not converged or whose residuals are far beyond the noise of its "
-        "own measurements, and of numbers that are worse than the old ones")
+        "own measurements, and of numbers that are not better than the old ones")
 
 
 COMMAND = Command(
@@ -52,8 +52,9 @@ COMMAND = Command(
            "arithmetic with the old and the new numbers; what the controller cannot express is "
            "listed with what that costs. Refused, unless --regardless says so: a model whose fit "
            "had not converged or whose residuals are far beyond the noise of its own measurements, "
-           "and numbers that are predicted to be worse than the old ones. Writes the controller's "
-           "file and export.json."),
+           "numbers that are predicted to be worse than the old ones, and those of a fit that "
+           "predicts what it has not seen no better than the machine did before. Writes the "
+           "controller's file and export.json."),
     examples=examples("export"),
     out="exported", replace="--overwrite", result="ExportResult",
     raises="BadInput: a machine that this controller does not drive, or an option without use. "

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from ppmcal.calibration.fit import secondary
 from ppmcal.commands.export.options import ExportArguments
-from ppmcal.commands.inputs import files_of, load, refuse_unfit
+from ppmcal.commands.export.verdict import evidence_of, refuse_worse, verdict_of
+from ppmcal.commands.inputs import files_of, imports_behind, load, refuse_unfit
 from ppmcal.commands.result import Result
 from ppmcal.commands.spec import Path_
 from ppmcal.controllers import loaded
@@ -21,13 +22,13 @@ from ppmcal.controllers.export import (
     pose_uncertainty,
     record_of,
 )
-from ppmcal.controllers.pose_errors import MM
-from ppmcal.errors import BadInput, NoResult
+from ppmcal.errors import BadInput
 from ppmcal.io.csv_writer import csv_text
-from ppmcal.io.results.export import NO_GAIN, ExportRecord, error_size, fixed
+from ppmcal.io.results.export import ExportRecord, error_size, fixed
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import Note
-from ppmcal.store.output import Content
+from ppmcal.store.inputs import digest_of
+from ppmcal.store.output import Content, replace_kept
 from ppmcal.store.provenance import source_of
 from ppmcal.wording.told import ShortTable, Told
 
@@ -35,8 +36,13 @@ ROWS = 24
 """Numbers that are shown."""
 
 
-def told(record: ExportRecord) -> Iterator[Told]:
-    """Yield the numbers, the errors with old and new ones, notes and advice."""
+def told(record: ExportRecord, copied: bool = False) -> Iterator[Told]:
+    """Yield the verdict, lines to paste, numbers, errors with old and new ones, notes, advice."""
+    if record.verdict.answer:
+        yield record.verdict.sentences()
+    if record.lines and not copied:
+        yield f"Lines to paste, in {record.files[0]}:"
+        yield from (f"    {line}".rstrip() for line in record.lines)
     yield f"{record.name}: {record.summary}."
     if record.parameters:
         yield ShortTable(["parameter", "old", "new", "change", "unit"],
@@ -88,6 +94,7 @@ class ExportResult(Result):
         mechanism: the machine.
         exported: the controller's files, read back and found equal, and the errors left, SI.
         record: the content of export.json.
+        old: the controller's file that the copy in ``exported`` is to replace, None without one.
     """
 
     COMMAND: ClassVar[str] = "export"
@@ -96,6 +103,7 @@ class ExportResult(Result):
     mechanism: Mechanism
     exported: Exported
     record: ExportRecord
+    old: Path | None = None
 
     def files(self) -> Mapping[str, str | bytes]:
         """Return the controller's files and export.json."""
@@ -117,7 +125,27 @@ class ExportResult(Result):
 
     def told(self) -> Iterator[Told]:
         """Yield the numbers, and what they are worth."""
-        return told(self.record)
+        return told(self.record, self.old is not None)
+
+    def finished(self, written: Sequence[Path], asked: Any) -> Iterator[Told]:
+        """Put the copy in the place of the controller's file, and yield where everything is."""
+        yield from super().finished(written, asked)
+        if self.old is not None:
+            kept = self.put_in_place()
+            yield (f"{self.old} has the new numbers; as it was before it is kept in {kept}. "
+                   "Restart the controller.")
+
+    def put_in_place(self) -> Path:
+        """Replace the controller's file by its copy with the new numbers, and return the backup.
+
+        Raises:
+            BadInput: there is no copy, or the file is not what it was when it was read.
+        """
+        if self.old is None:
+            raise BadInput("no copy of a controller's file was made", "write", "Pass write=True")
+        refuse_other_file(Path(self.mechanism.source), self.old, unknown_too=True)
+        return replace_kept(self.old, self.exported.files[self.exported.copy],
+                            self.provenance["inputs"][str(self.old)])
 
     def headline(self) -> str:
         """Return what the controller holds of the machine."""
@@ -134,19 +162,23 @@ def run(asked: ExportArguments) -> ExportResult:
     made = writer.export(machine, None if old is None else Path(old),
                          None if poses is None else Path(poses))
     if asked.write:
-        made = _copied(writer, asked.form, made, old)
+        made = _copied(writer, asked.form, made, old, machine.source)
     notes = list[Note]()
     sure = secondary("how well the model is known", lambda: pose_uncertainty(
         machine, made.poses, source_file), UNKNOWN, notes)
     made = replace(made, uncertainty=replace(sure, reason=notes[0]) if notes else sure)
-    _refuse_worse(made, machine.source, asked.regardless)
-    known = source_file.with_name(KNOWLEDGE) if made.uncertainty.frame else None
-    source = source_of("export", [*machine.inputs, *files_of(old, poses, known)], None)
+    known = evidence_of(machine)
+    warned += refuse_worse(made, known, machine.source, asked.regardless)
+    beside = source_file.with_name(KNOWLEDGE) if known.there or made.uncertainty.frame else None
+    source = source_of("export", [*machine.inputs, *files_of(old, poses, beside)], None)
     record = record_of(made, machine.name, source)
-    return ExportResult(source, (*warned, *notes, *record.all_findings()), machine, made, record)
+    record = replace(record, verdict=verdict_of(record, known, warned))
+    return ExportResult(source, (*warned, *notes, *record.all_findings()), machine, made, record,
+                        Path(old) if made.copy and old is not None else None)
 
 
-def _copied(writer: Exporter, form: str, made: Exported, old: Path_ | None) -> Exported:
+def _copied(writer: Exporter, form: str, made: Exported, old: Path_ | None, source: str
+            ) -> Exported:
     """Return the export with a copy of the controller's file."""
     patch = getattr(writer, "patch", None)
     if patch is None:
@@ -155,20 +187,23 @@ def _copied(writer: Exporter, form: str, made: Exported, old: Path_ | None) -> E
         raise BadInput("there is no file to copy", "--write",
                        "Give the printer's own with --old printer.cfg")
     out: Exported = patch(made, Path(old))
+    if out.copy:
+        refuse_other_file(Path(source), Path(old))
     return out
 
 
-def _refuse_worse(made: Exported, source: str, regardless: bool) -> None:
-    """Refuse numbers with which the machine misses more than with the old ones.
+def refuse_other_file(model: Path, old: Path, unknown_too: bool = False) -> None:
+    """Refuse to write into a controller's file that the machine was not read from.
 
-    The model's own uncertainty is in both errors, and decides nothing.
+    ``unknown_too``: nor where nothing recorded says from which it was.
 
     Raises:
-        NoResult: with both errors, if the model is exact.
+        BadInput: it is another one, or has changed since.
     """
-    before, after = made.before.rms, made.after.rms
-    if after > before + NO_GAIN * MM and not regardless:    # else the record says it
-        raise NoResult(
-            f"the new {made.title} numbers are worse than the old ones: {after / MM:.3g} mm rms "
-            f"with them, {before / MM:.3g} mm without", source,
-            "Keep the old ones; --regardless writes the new ones all the same")
+    found = list(imports_behind(model))
+    if any(digest_of(old) in run.source.inputs.values() for run in found):
+        return
+    if found or unknown_too:
+        raise BadInput(f"is not the file that {model} was read from, or has changed since" if found
+                       else f"nothing recorded says that {model} was read from this file",
+                       str(old), "Import it and fit anew, or leave out --write and paste the lines")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ppmcal.codec import json_text
-from ppmcal.commands.inputs import load
+from ppmcal.commands.inputs import imports_behind, load
 from ppmcal.commands.report.options import ReportArguments
 from ppmcal.commands.result import Result
 from ppmcal.controllers import uses
@@ -17,7 +17,6 @@ from ppmcal.errors import BadInput
 from ppmcal.io import csv_text
 from ppmcal.report import collect, to_html, to_json
 from ppmcal.report.records import Identified, ReportData
-from ppmcal.store.folder import read_record
 from ppmcal.store.provenance import source_of
 from ppmcal.wording.told import Told
 
@@ -82,8 +81,7 @@ def _use(one: Identified) -> str:
     A printer gets its firmware's numbers, which it computes with; to others commands may be sent.
     """
     model = Path(one.folder) / "identified.yaml"
-    imports = [run.get("options", {}) for name in one.record.provenance.inputs
-               for run in [read_record(Path(name).parent).runs.get("import", {})]]
+    imports = [run.source.options for run in imports_behind(Path(one.folder))]
     form, old = next(((str(o["form"]), str(o["file"])) for o in imports
                       if {"form", "file"} <= o.keys()), ("", ""))
     try:

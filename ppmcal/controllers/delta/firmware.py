@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
+from ppmcal.controllers.delta.gcode import Lines, with_lines
 from ppmcal.controllers.delta.geometry import DeltaGeometry
-from ppmcal.controllers.export import NotExpressed
+from ppmcal.controllers.export import Exported, NotExpressed
 from ppmcal.controllers.pose_errors import ErrorSummary
+from ppmcal.controllers.text import exact_text
+from ppmcal.errors import BadInput, NoResult
 from ppmcal.linalg import Array
-from ppmcal.notes import Note
+from ppmcal.notes import NOTE, Note
 
 DeltaConfig = TypeVar("DeltaConfig")
 DeltaNumbers = TypeVar("DeltaNumbers")
@@ -62,6 +65,9 @@ class DeltaFirmware(Generic[DeltaConfig, DeltaNumbers]):
         advice: sentences on that, with the old file and its content, None where none is given.
         notes: what a user should know of the firmware's conventions.
         check: raises NoResult for numbers, of a source, that the firmware would not take.
+        codes: the commands whose lines hold its numbers, and their letters; empty of one that has
+            other lines.
+        bare: a line without what a host shows before it.
         fitted: what its numbers hold of a machine that they cannot express.
     """
 
@@ -84,3 +90,27 @@ class DeltaFirmware(Generic[DeltaConfig, DeltaNumbers]):
     notes: Callable[[DeltaFit[DeltaNumbers]], Iterable[Note]] = lambda _: ()
     check: Callable[[DeltaNumbers, str], None] = lambda *_: None
     fitted: str = "most of the geometry, fitted"
+    codes: Mapping[int, str] = field(default_factory=dict)
+    bare: Callable[[str], str] = str
+
+
+def patched_lines(firmware: DeltaFirmware[Lines, Any], made: Exported, old: Path, copy: str
+                  ) -> Exported:
+    """Return an export with a copy of the file in use that holds the new lines, called ``copy``.
+
+    Raises:
+        BadInput: the lines cannot be put into it, or what it runs may win over them.
+        NoResult: the copy would not be read as meant.
+    """
+    for place in firmware.read(old).overruled():
+        raise BadInput(f"{place} runs another file, whose M665 and M666 would win", str(old),
+                       "Give that file as --old if it has them, or leave out --write")
+    new = made.files[firmware.file]
+    text = with_lines(exact_text(old), str(old), firmware.codes, new, firmware.bare)
+    if firmware.numbers(firmware.parse(text, copy)) != firmware.numbers(
+            firmware.parse(new, firmware.file)):
+        raise NoResult("the copy with the new numbers reads back as something else", str(old),
+                       "Leave out --write, and paste the lines")
+    advice = Note(f"The {copy} written has the new lines below the old ones, which are commented "
+                  "out.", NOTE)
+    return replace(made, files={**made.files, copy: text}, advice=(advice,), copy=copy)

@@ -8,7 +8,7 @@ DecodeCommand).
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from ppmcal.controllers.delta.geometry import Triple, above_zero
@@ -175,3 +175,38 @@ def words(letters: str, values: Iterable[float]) -> str:
 def two_lines(first: str, second: str, comment: str) -> str:
     """Return M665 and M666 below a comment."""
     return "\n".join([*commented(comment, ";"), first, second]) + "\n"
+
+
+def with_lines(text: str, source: str, codes: Mapping[int, str], new: str,
+               bare: Callable[[str], str] = str) -> str:
+    """Return a text with the lines of some commands commented out, and new ones behind the last.
+
+    Args:
+        text: of a file.
+        source: what messages call it.
+        codes: the commands, and their letters.
+        new: text whose lines, but comments, take their place.
+        bare: a line without what a host shows before it.
+
+    Raises:
+        BadInput: none stands there, or one stands in a line with others.
+    """
+    lines = text.splitlines(keepends=True)
+    last = -1
+    for at, raw in enumerate(lines):
+        here = [code for code, _ in _commands(
+            _HIDDEN.sub(_mark, bare(raw)).expandtabs(4).rstrip())]
+        if not set(here) & set(codes):
+            continue
+        if set(here) - set(codes):
+            raise BadInput("other commands stand in this line too",
+                           f"{source}: line {at + 1}", "Write each into a line of its own")
+        last, lines[at] = at, f";{raw}"
+    if last < 0:
+        raise BadInput("holds none of the lines that change", source,
+                       "Leave out --write and paste the lines")
+    end = "\r\n" if lines[last].endswith("\r\n") else "\n"
+    lines[last] = lines[last].rstrip("\r\n") + end
+    own = [line for line in new.splitlines() if not line.startswith(";")]
+    lines[last + 1:last + 1] = [f"{line}{end}" for line in own]
+    return "".join(lines)

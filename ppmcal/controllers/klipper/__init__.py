@@ -11,5 +11,5 @@ CONTROLLER = Controller(
     copies=True, examples=(
         ("export", "ppmcal export klipper fitted-printer --old printer.cfg --write"),
         ("import", "ppmcal import klipper printer.cfg")),
-    use="ppmcal export klipper {model} --old {old} --write makes a printer.cfg with the new "
-        "numbers: put it in the place of the old one, and restart")
+    use="ppmcal export klipper {model} --old {old} --write puts the new numbers into it, "
+        "and keeps the old one beside: restart")

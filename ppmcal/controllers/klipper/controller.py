@@ -87,7 +87,7 @@ def _advice(found: DeltaFit[DeltaGeometry], old: Path | None, config: Config | N
     if old is not None:
         yield Note(
             f"Paste the lines of {KLIPPER.file} into {old}, above its #*# lines and below all "
-            "other sections: there they win; or --write makes such a copy.", NOTE)
+            "other sections: there they win; or --write changes it.", NOTE)
 
 
 def refuse_endstops(new: DeltaGeometry, source: str) -> None:
@@ -136,11 +136,9 @@ def patch(exported: Exported, old: Path) -> Exported:
     numbers = {n.name: n.new for n in exported.numbers}
     wanted = read_geometry(parse_config(exported.files[KLIPPER.file], KLIPPER.file))
     text, told = patched(old, numbers, wanted)
-    advice = Note(
-        f"The {COPY} written is a copy of {old} with the new numbers in its #*# lines"
-        f"{f'; {told}' if told else ''}. Keep the old one, put the copy in its place, and restart.",
-        NOTE)
-    return replace(exported, files={**exported.files, COPY: text}, advice=(advice,))
+    advice = (Note(f"The {COPY} written has the new numbers in its #*# lines{told and '; '}{told}.",
+                   NOTE),)
+    return replace(exported, files={**exported.files, COPY: text}, advice=advice, copy=COPY)
 
 
 _linear = printer_importer(lambda *asked: with_own_fit(read_printer(*asked)))

@@ -14,9 +14,8 @@ from pathlib import Path
 from ppmcal.controllers.delta.geometry import DIGITS, DeltaGeometry
 from ppmcal.controllers.klipper.config import Config, parse_config, read_config, read_geometry
 from ppmcal.controllers.klipper.lines import BLOCK, HEADER, SAVED, split
+from ppmcal.controllers.text import exact_text
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.limits import CONFIG_BYTES
-from ppmcal.store.inputs import read_bytes
 from ppmcal.wording import pluralize
 
 _KEY = re.compile(r"([A-Za-z0-9_]+)\s*[:=]")
@@ -41,7 +40,7 @@ def patched(path: Path, numbers: Mapping[str, float], wanted: DeltaGeometry) -> 
         raise BadInput(f"Klipper reads nothing of the #*# lines: {config.unread}", str(path),
                        "Restore them as SAVE_CONFIG wrote them, or leave out --write and paste "
                        "klipper.cfg")
-    body, block = _halves("\n".join(split(_text(path))))
+    body, block = _halves("\n".join(split(exact_text(path))))
     new = {(n.partition(".")[0], n.partition(".")[2]): f"{v:.{DIGITS}f}"
            for n, v in numbers.items()}
     body, quiet = _quiet(body, new)
@@ -53,14 +52,6 @@ def patched(path: Path, numbers: Mapping[str, float], wanted: DeltaGeometry) -> 
                                                          if k not in over})]) + "\n"
     _check(config, copy, path, wanted)
     return copy, _told(quiet, over)
-
-
-def _text(path: Path) -> str:
-    try:
-        return read_bytes(path, CONFIG_BYTES).decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise BadInput("is not UTF-8 throughout, and a copy would not be the same", str(path),
-                       "Save it as UTF-8, or leave out --write and paste klipper.cfg") from None
 
 
 def _halves(text: str) -> tuple[list[str], list[str]]:

@@ -7,5 +7,6 @@ CONTROLLER = Controller(
     8, "M665 and M666 of a linear delta, as Marlin takes them.",
     "the report of M503 that Marlin sends, or lines like it.", title="Marlin",
     options=tuple(o for o in delta_options("", "R of M665") if o.name != "mesh"),
+    copies=True,
     use="ppmcal export marlin {model} --old {old} writes the lines M665 and M666: send them, and "
         "M500")

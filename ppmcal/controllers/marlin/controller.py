@@ -25,12 +25,13 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal.controllers.delta import geometry as delta_geometry
-from ppmcal.controllers.delta.firmware import DeltaFirmware, DeltaFit
+from ppmcal.controllers.delta.firmware import DeltaFirmware, DeltaFit, patched_lines
 from ppmcal.controllers.delta.fit import export_delta
 from ppmcal.controllers.delta.gcode import DIGITS, Lines, parse_lines, two_lines, words
 from ppmcal.controllers.delta.geometry import DeltaGeometry, Triple, rounded, triple
 from ppmcal.controllers.delta.importer import printer_importer
 from ppmcal.controllers.delta.printer import Printer, stated_nominal
+from ppmcal.controllers.export import Exported
 from ppmcal.controllers.text import read_text
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array
@@ -188,7 +189,8 @@ def _advice(found: DeltaFit[MarlinDelta], old: Path | None, config: Lines | None
 MARLIN = DeltaFirmware(
     "marlin", "Marlin", "marlin.g", ("X", "Y", "Z"), "delta radius R",
     "H of M665 and X, Y, Z of M666", "divide its steps per mm (M92) by that", read_lines, parse,
-    read_delta, delta_of, travel, _table, format_delta, _how, _advice, _notes)
+    read_delta, delta_of, travel, _table, format_delta, _how, _advice, _notes, codes=LETTERS,
+    bare=partial(_LEAD.sub, ""))
 
 
 def read_printer(path: Path, rods: float | None = None, meshes: Sequence[str] = (),
@@ -206,3 +208,8 @@ def read_printer(path: Path, rods: float | None = None, meshes: Sequence[str] = 
 
 
 export, import_config = partial(export_delta, MARLIN), printer_importer(read_printer)
+
+
+def patch(exported: Exported, old: Path) -> Exported:
+    """Return the export with a copy of ``old``, :func:`patched_lines`."""
+    return patched_lines(MARLIN, exported, old, "m503.txt")

@@ -6,5 +6,6 @@ from ppmcal.controllers.delta.options import delta_options
 CONTROLLER = Controller(
     2, "M665 and M666 of a linear delta.", "config.g of RepRapFirmware.", title="RepRapFirmware",
     options=delta_options("RepRapFirmware's heightmap.csv", "R of M665"),
-    use="ppmcal export reprap {model} --old {old} writes the lines M665 and M666: paste them into "
-        "{old}")
+    copies=True,
+    use="ppmcal export reprap {model} --old {old} --write puts M665 and M666 into it, and keeps "
+        "the old one beside")

@@ -8,12 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ppmcal.controllers.delta.firmware import DeltaFirmware, DeltaFit
+from ppmcal.controllers.delta.firmware import DeltaFirmware, DeltaFit, patched_lines
 from ppmcal.controllers.delta.fit import export_delta
 from ppmcal.controllers.delta.gcode import Lines
 from ppmcal.controllers.delta.geometry import DeltaGeometry
 from ppmcal.controllers.delta.importer import printer_importer
+from ppmcal.controllers.export import Exported
 from ppmcal.controllers.reprap.reading import (
+    LETTERS,
     Delta,
     delta_of,
     format_delta,
@@ -89,5 +91,10 @@ def _advice(found: DeltaFit[Delta], old: Path | None, config: Lines | None) -> I
 REPRAP = DeltaFirmware(
     "reprap", "RepRapFirmware", "reprap.g", ("X", "Y", "Z"), "delta radius R",
     "H of M665 and X, Y, Z of M666", "divide its steps per mm (M92) by that", read_lines,
-    parse, read_delta, _of, travel, _table, format_delta, _how, _advice, _notes)
+    parse, read_delta, _of, travel, _table, format_delta, _how, _advice, _notes, codes=LETTERS)
 export, import_config = partial(export_delta, REPRAP), printer_importer(read_printer)
+
+
+def patch(exported: Exported, old: Path) -> Exported:
+    """Return the export with a copy of ``old``, :func:`patched_lines`."""
+    return patched_lines(REPRAP, exported, old, "config.g")

@@ -101,10 +101,29 @@ class NotExpressedEntry(Part):
         return f"{self.what or '?'}" + (f": costs {cost}" if cost else "")
 
 
+class Verdict(Part):
+    """Whether to use what is written: ``yes``, ``only in part``, ``no`` or ``not judged``.
+
+    ``why``: in a sentence; ``unchecked``: what no measurement says, each as the end of a sentence.
+    """
+
+    answer: Text = ""
+    why: Text = ""
+    unchecked: tuple[Text, ...] = ()
+
+    def sentences(self) -> str:
+        """Return ``Paste this: yes, ...`` and what is not checked; empty where nothing says it."""
+        if not self.answer:
+            return ""
+        return " ".join(f"{part[:1].upper()}{part[1:].rstrip('.')}." for part in (
+            f"Paste this: {self.answer}; {self.why}", *self.unchecked))
+
+
 class ExportRecord(Record):
     """export.json; the keys from ``length_unit`` on are those of single formats.
 
-    ``before``, ``after``: errors of the machine driven with the old and with the new numbers.
+    ``before``, ``after``: errors of the machine driven with the old and with the new numbers;
+    ``lines``: those to paste, where the file has few.
     """
 
     FILE: ClassVar[str] = "export.json"
@@ -117,6 +136,8 @@ class ExportRecord(Record):
     old: Mapping[str, Shown | None] = field(default_factory=dict)
     number_units: Mapping[str, Text] = field(default_factory=dict)
     title: Text = ""
+    verdict: Verdict = Verdict()
+    lines: tuple[Text, ...] = ()
     summary: Annotated[Text, Key("said")] = ""
     over: Text = ""
     predicted: PredictedErrors = PredictedErrors()

@@ -1,0 +1,159 @@
+"""Whether a controller's numbers are fit for use: yes, in part or no, why, and what nobody checked.
+
+Reasons against them are refusals: of a fit that cannot be trusted (:func:`refuse_unfit`), of
+numbers with which the machine would miss more than before, of a fit that predicts rows left out no
+better than the machine did before it, of poses that the measurements leave open.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ppmcal.controllers.export import KNOWLEDGE, Exported
+from ppmcal.controllers.pose_errors import MM
+from ppmcal.errors import NoResult
+from ppmcal.io.results.export import (
+    LEAST,
+    NO_GAIN,
+    ExportRecord,
+    NotExpressedEntry,
+    Verdict,
+    is_known,
+)
+from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.io.results.knowledge import read_identification
+from ppmcal.io.results.own_calibration import of_other_values
+from ppmcal.io.results.parts import ErrorSize
+from ppmcal.model.instruments import find_instrument
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the measurements behind a model say of it.
+
+    ``before``, ``unseen``: errors of rows that a fit had not seen, of the machine before it and
+    with it, empty where none were kept out; ``size``: what is not known of the machine's size.
+    """
+
+    before: ErrorSize = field(default_factory=ErrorSize)
+    unseen: ErrorSize = field(default_factory=ErrorSize)
+    size: str = ""
+    there: bool = False
+
+
+def evidence_of(mechanism: Mechanism) -> Evidence:
+    """Return what identification.json beside the model says, nothing where it is of another one.
+
+    Raises:
+        BadInput: it cannot be read.
+    """
+    path = Path(mechanism.source).with_name(KNOWLEDGE)
+    if mechanism.source not in mechanism.inputs or not path.is_file():
+        return Evidence()
+    record = read_identification(path)
+    if of_other_values(record, mechanism):
+        return Evidence()
+    known = record.residual
+    kind = next((k for k in ("position", "rotation", *known.holdout) if k in known.holdout), "")
+    none = ErrorSize()
+    return Evidence(known.before.get(kind) or none, known.holdout.get(kind) or none,
+                    _size(record), True)
+
+
+def _size(record: IdentificationRecord) -> str:
+    """Return that no measurement holds the size, and what would; empty where one does."""
+    scale = record.identifiability.scale
+    if scale is None or not scale.open or not scale.distance:
+        return ""
+    measured = any(find_instrument(d.kind).along_line for d in record.datasets)
+    measure = "measure one distance"
+    head = "size is checked only roughly" if measured else "size is not checked"
+    if scale.sigma is None:
+        return f"{head}: {measure}"
+    if scale.measure_at_least and scale.measure_at_least <= scale.distance:
+        measure += f" of at least {scale.measure_at_least:.3g} {scale.unit}"
+    return (f"{head}: {scale.distance:.4g} {scale.unit} may be off by "
+            f"{scale.times * scale.sigma:.2g} {scale.unit} (95 %); "
+            f"{f'{measure} to {scale.measure_to:.2g} {scale.unit}' if measured else measure}")
+
+
+def reasons_against(made: Exported, known: Evidence) -> Iterator[tuple[str, str]]:
+    """Yield why the numbers must not be used, each with a hint.
+
+    The model's own uncertainty is in the errors with the old numbers and with the new ones, and
+    decides nothing.
+    """
+    before, after = made.before.rms, made.after.rms
+    if after > before + NO_GAIN * MM:
+        yield (f"the new {made.title} numbers are worse than the old ones: {after / MM:.3g} mm rms "
+               f"with them, {before / MM:.3g} mm without", "Keep the old ones")
+    first, unseen = known.before, known.unseen
+    if is_known(first.rms) and is_known(unseen.rms) and (unseen.rms or 0.0) >= (first.rms or 0.0):
+        yield (f"the fit predicts measurements that it has not seen no better than the machine did "
+               f"before it: {unseen.rms:.3g} {unseen.unit} rms with it, {first.rms:.3g} "
+               f"{first.unit} without",
+               "Keep the old numbers; measure more poses, or ask `ppmcal diagnose` what is missing")
+    if known.there and made.uncertainty.undetermined:
+        yield ("the measurements leave the pose open all over the workspace",
+               "Measure more, or give tolerances for what is not measured")
+
+
+def refuse_worse(made: Exported, known: Evidence, source: str, regardless: bool) -> list[Note]:
+    """Refuse numbers that must not be used.
+
+    Returns:
+        What to warn of where they are written ``regardless``.
+
+    Raises:
+        NoResult: the first reason against them.
+    """
+    against = list(reasons_against(made, known))
+    if against and not regardless:
+        what, hint = against[0]
+        raise NoResult(what, source, f"{hint}; --regardless writes the new ones all the same")
+    return [Note(f"{what}; written anyway, because of --regardless") for what, _ in against[:1]]
+
+
+def verdict_of(record: ExportRecord, known: Evidence, warned: Sequence[str]) -> Verdict:
+    """Return the verdict on what is written; ``warned``: reasons against it that were set aside."""
+    unchecked = tuple(filter(None, (
+        known.size,
+        "" if is_known(record.predicted.model.rms) else
+        f"how well the numbers are known is not: {record.predicted.model.reason}")))
+    if warned:
+        return Verdict(answer="no", why=str(warned[0]), unchecked=unchecked)
+    why = _gain(record, known)
+    if not known.there:
+        return Verdict(answer="not judged", why=f"no calibration of this model lies beside it; "
+                       f"{why}", unchecked=unchecked)
+    lost = [entry.what for entry in record.not_expressed if _costs(entry)]
+    if lost:
+        more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
+        return Verdict(answer="only in part", why=f"{why}; {record.called} cannot express: "
+                       f"{lost[0]}{more}", unchecked=unchecked)
+    return Verdict(answer="yes", why=why, unchecked=unchecked)
+
+
+def _costs(entry: NotExpressedEntry) -> bool:
+    """Whether what cannot be expressed costs more than arithmetic, or nobody knows."""
+    sizes = [] if entry.cost is None else [entry.cost, entry.cost.rotation]
+    known = [one.rms or 0.0 for one in sizes if one is not None and is_known(one.rms)]
+    return not known or max(known) > LEAST
+
+
+def _gain(record: ExportRecord, known: Evidence) -> str:
+    """Return the errors promised before and after, and those of rows that no fit has seen."""
+    whole = record.predicted
+    exact = not (is_known(whole.before.rms) and is_known(whole.after.rms))
+    old, new = (record.before, record.after) if exact else (whole.before, whole.after)
+    text = (f"predicted error {old.rms_words()} rms with the old numbers, {new.rms_words()} with "
+            f"the new ones{', if the model is exact' * exact}")
+    first, unseen = known.before, known.unseen
+    if is_known(first.rms) and is_known(unseen.rms):
+        text += (f"; measurements that the fit had not seen: {first.rms:.2g} {first.unit} before, "
+                 f"{unseen.rms:.2g} {unseen.unit} after")
+    return text

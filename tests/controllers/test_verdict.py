@@ -1,0 +1,129 @@
+"""What an export says first, and the controller's own file that it changes where it stands."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from helpers.commands import ppmcal
+
+SAMPLE = Path(__file__).parents[2] / "sample_data" / "printer" / "printer.cfg"
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the sample printer, read and calibrated, with distances and without."""
+    here = tmp_path_factory.mktemp("printer")
+    shutil.copy(SAMPLE, here)
+    ppmcal("import", "klipper", "printer.cfg", cwd=here)
+    for out, data in (("heights", ["heights"]), ("both", ["heights", "distances"])):
+        ppmcal("identify", "imported/machine.yaml", *(f"imported/{one}.csv" for one in data),
+               "--out", out, cwd=here, expect=0)
+    return here
+
+
+@pytest.fixture
+def here(fitted: Path, tmp_path: Path) -> Path:
+    """A copy of it."""
+    return Path(shutil.copytree(fitted, tmp_path / "own"))
+
+
+def test_the_verdict_comes_first_with_errors_before_and_after(here: Path) -> None:
+    run = ppmcal("export", "klipper", "both", "--old", "printer.cfg", cwd=here, expect=0)
+    words = " ".join(run.out.split())
+    assert words.startswith("Paste this: yes; predicted error ")
+    assert "size is not checked" not in words.lower()
+    record = json.loads((here / "exported" / "export.json").read_text())
+    old, new = (record["predicted"][k]["rms"] for k in ("before", "after"))
+    assert f"{old:.2g} mm rms with the old numbers, {new:.2g} mm with the new" in words
+    text = (here / "exported" / "klipper.cfg").read_text()
+    assert [line for line in text.splitlines() if line and line[0] != "#"] == [
+        line for line in record["lines"] if line]
+    assert all(line in run.out for line in record["lines"])
+
+
+def test_heights_alone_do_not_check_the_size(here: Path) -> None:
+    ppmcal("export", "klipper", "heights", cwd=here, expect=0)
+    verdict = json.loads((here / "exported" / "export.json").read_text())["verdict"]
+    assert verdict["answer"] == "yes"
+    assert any("size is not checked" in one and "measure one distance" in one
+               for one in verdict["unchecked"])
+
+
+def test_a_machine_that_nobody_measured_is_not_judged(here: Path) -> None:
+    run = ppmcal("export", "klipper", "imported/machine.yaml", cwd=here, expect=0)
+    assert run.out.startswith("Paste this: not judged;")
+
+
+def test_a_fit_that_predicts_unseen_rows_no_better_is_refused(here: Path) -> None:
+    path = here / "both" / "identification.json"
+    record = json.loads(path.read_text())
+    record["residual"]["holdout"]["position"]["rms"] = record["residual"]["before"]["position"][
+        "rms"] * 1.01
+    path.write_text(json.dumps(record))
+    run = ppmcal("export", "klipper", "both", cwd=here, expect=3)
+    assert "no better than the machine did before it" in " ".join(run.err.split())
+    assert not (here / "exported").exists()
+    run = ppmcal("export", "klipper", "both", "--regardless", cwd=here, expect=1)
+    assert run.out.startswith("Paste this: no;")
+
+
+def test_write_changes_the_numbers_alone_and_keeps_the_old_file(here: Path) -> None:
+    path = here / "printer.cfg"
+    before = path.read_bytes()
+    path.chmod(0o640)
+    ppmcal("export", "klipper", "both", "--old", "printer.cfg", "--write", cwd=here, expect=0)
+    kept = here / "printer.cfg.before-1"
+    assert kept.read_bytes() == before != path.read_bytes()
+    assert path.stat().st_mode & 0o777 == 0o640
+    assert path.read_bytes() == (here / "exported" / "printer.cfg").read_bytes()
+    old, new = (one.decode().splitlines() for one in (before, path.read_bytes()))
+    changed = [(a, b) for a, b in zip(old, new, strict=True) if a != b]
+    assert changed and all(a.startswith("#*# ") and a.split("=")[0] == b.split("=")[0]
+                           for a, b in changed)
+    # it is done again from the copy that was kept
+    assert ppmcal("verify", "exported", cwd=here).code == 0
+    # the machine was not read from the numbers that stand there now
+    run = ppmcal("export", "klipper", "both", "--old", "printer.cfg", "--write", "--overwrite",
+                 cwd=here, expect=2)
+    assert "is not the file that" in " ".join(run.err.split())
+
+
+@pytest.mark.parametrize("away", [False, True])
+def test_write_leaves_a_file_that_the_machine_is_not_of(here: Path, away: bool) -> None:
+    path = here / "printer.cfg"
+    if away:    # nothing says where the machine is from
+        shutil.rmtree(here / "imported")
+    else:
+        path.write_text(path.read_text().replace("max_accel: 3000", "max_accel: 2000"))
+    before = path.read_bytes()
+    ppmcal("export", "klipper", "both", "--old", "printer.cfg", "--write", cwd=here, expect=2)
+    assert path.read_bytes() == before and not list(here.glob("*.before-*"))
+
+
+@pytest.mark.parametrize(("form", "text"), [
+    ("reprap", "; my printer\nM665 L300 R140 H290 B110 ; rods\nM666 X0 Y0 Z0\nM92 X80\n"),
+    ("marlin", "echo:  M92 X80 Y80 Z80\necho:  M665 L300.00 R140.00 H290.00 S80\necho:  M666 X0\n"),
+])
+def test_lines_of_gcode_take_the_place_of_the_old_ones(here: Path, form: str, text: str) -> None:
+    path = here / "config.g"
+    path.write_text(text)
+    ppmcal("import", form, "config.g", "--out", "other", cwd=here)
+    # the same printer: what it measured is fitted to the machine of this file
+    for name in ("heights", "distances"):
+        for end in ("csv", "yaml"):
+            shutil.copy(here / "imported" / f"{name}.{end}", here)
+    ppmcal("identify", "other/machine.yaml", "heights.csv", "distances.csv", "--out", "fit",
+           cwd=here, expect=0)
+    run = ppmcal("export", form, "fit", "--old", "config.g", "--write", cwd=here)
+    assert run.code in (0, 1), run.err
+    lines = path.read_text().splitlines()
+    new = [line for line in (here / "exported" / f"{form}.g").read_text().splitlines()
+           if line and line[0] != ";"]
+    old = text.splitlines()
+    kept = [line for line in old if "M665" not in line and "M666" not in line]
+    assert [line for line in lines if line in kept] == kept
+    assert [line for line in lines if not line.startswith(";") and line not in kept] == new
+    assert [f";{line}" in lines for line in old if line not in kept] == [True, True]
