@@ -1,6 +1,13 @@
 """A router on four belts, run by run: what is found in readings without any instrument.
 
     python benchmarks/real_belts.py --data DIR [--runs ten-runs-01 old-runs-29 ...]
+    python benchmarks/real_belts.py --data DIR --constant 150 --runs ten-runs-01 ten-runs-02 ...
+    python benchmarks/real_belts.py --data DIR --sessions old-runs-37 old-runs-38
+
+With `--constant` so many mm are taken off all belts, and it says by how much each run, fitted with
+the pull of the lower belts, finds another constant: with all belts in one plane, and with the
+heights of anchors that the firmware has. With `--sessions` several runs are given to one `diagnose`
+as sessions of one machine, and it says what that tells of changes from one to the next.
 
 DIR has `maslow/`: one table of belts for each run (bl, br, tr, tl, mm), and what the owner wrote
 about them in `index.csv`, with which the table is to be held.
@@ -24,6 +31,8 @@ import ppmcal
 from ppmcal.errors import PpmcalError
 
 BELTS = ("bl", "br", "tr", "tl")
+HEIGHTS = {"bl": 34.0, "br": 78.0, "tr": 56.0, "tl": 100.0}
+"""Of the anchors above the router's plane, as the firmware has them, mm."""
 SIDE = {"units": {"length": "mm", "angle": "deg"},
         "instrument": {"kind": "none", "sigma": {"actuator": 1.0, "estimated": True}}}
 
@@ -89,15 +98,78 @@ def one(data: Path, told: dict[str, tuple[str, tuple[float, float]]], run: str) 
             f"{said['verdict']} | {'; '.join(named) or '-'} | {unknown or '-'} |")
 
 
+def constant(data: Path, told: dict[str, tuple[str, tuple[float, float]]], off: float, run: str
+             ) -> tuple[str, list[float]]:
+    """Return the run and by how much its constant is off: in one plane, and with heights, mm."""
+    rows = np.genfromtxt(data / f"{run}.csv", delimiter=",", names=True)
+    table = {f"q_{n}": rows[n] - off for n in BELTS}
+    found = []
+    for heights in ({}, HEIGHTS):
+        tree = machine(told.get(run, ("", (3030.0, 2140.0)))[1])
+        tree["effects"] = [
+            {"kind": "missing_length", "parameters": {"length": {"value": off, "free": True}}},
+            {"kind": "rope_stretch", "on": ["bl", "br"],
+             "parameters": {"strain": {"value": 0.002, "free": True}}},
+            *({"kind": "rope_height", "on": [n], "parameters": {"height": h}}
+              for n, h in heights.items())]
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "belts.yaml"
+            file.write_text(yaml.safe_dump(tree), encoding="utf-8")
+            fit = ppmcal.identify(file, ppmcal.read_data(file, table, sidecar=SIDE, name=run),
+                                  holdout=0.0)
+        values = {e.name: e.value for e in fit.identification.estimates}
+        found.append(1e3 * values["missing_length.length"] - off)
+    return run, found
+
+
+def constants(data: Path, off: float, runs: list[str], cores: int) -> None:
+    """Print what each run says, and the mean with its standard error."""
+    print("| run | in one plane, mm | with heights, mm |\n|---|---|---|")
+    each = []
+    with multiprocessing.Pool(cores) as pool:
+        for run, found in pool.imap(partial(constant, data, words(data), off), runs):
+            each.append(found)
+            print(f"| {run} | {found[0]:+.1f} | {found[1]:+.1f} |", flush=True)
+    mean, error = np.mean(each, axis=0), np.std(each, axis=0, ddof=1) / np.sqrt(len(each))
+    print("| mean | " + " | ".join(f"{m:+.1f} +- {e:.1f}" for m, e in zip(mean, error, strict=True))
+          + " |")
+
+
+def sessions(data: Path, runs: list[str]) -> None:
+    """Print what one `diagnose` of several runs, as sessions, tells of what changed."""
+    with tempfile.TemporaryDirectory() as folder:
+        file, given = Path(folder) / "belts.yaml", []
+        file.write_text(yaml.safe_dump(machine(words(data)[runs[0]][1])), encoding="utf-8")
+        for run in runs:
+            rows = np.genfromtxt(data / f"{run}.csv", delimiter=",", names=True)
+            given += ppmcal.read_data(file, {f"q_{n}": rows[n] for n in BELTS}, sidecar=SIDE,
+                                      name=run)
+        ppmcal.diagnose(file, given).save(Path(folder) / "out")
+        said = json.loads((Path(folder) / "out" / "diagnosis.json").read_text(encoding="utf-8"))
+    for effect in said["effects"]:
+        print(effect["kind"], effect["on"], effect["parameters"], f"{effect['probability']:.2f}")
+    for sentence in said["findings"]:
+        if "session" in str(sentence):
+            print(sentence)
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--runs", nargs="*")
+    parser.add_argument("--constant", type=float)
+    parser.add_argument("--sessions", nargs="*")
     parser.add_argument("--cores", type=int, default=multiprocessing.cpu_count())
     asked = parser.parse_args()
     data = asked.data / "maslow"
     runs = asked.runs or sorted(p.stem for p in data.glob("*.csv") if p.stem != "index")
+    if asked.constant is not None:
+        constants(data, asked.constant, runs, asked.cores)
+        return
+    if asked.sessions:
+        sessions(data, asked.sessions)
+        return
     print("| run | readings | the owner | rows left out | verdict | named | without a name |")
     print("|---|---|---|---|---|---|---|")
     with multiprocessing.Pool(asked.cores) as pool:

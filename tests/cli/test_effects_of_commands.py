@@ -64,7 +64,8 @@ def marked(effects: list[dict[str, Any]], start: dict[str, float]) -> list[dict[
 
 GUESSES = {"play.width": 0.02, "friction.speed": 6.0, "creep.tau": 90.0, "leg_thermal.tau": 250.0,
            "compliance.stiffness": 5000.0, "periodic.period": 7.1, "tilt.direction": 20.0,
-           "tilt.shrink": 1e-4, "compliance.hardening": 0.01, "plate_compliance.reach": 400.0}
+           "tilt.shrink": 1e-4, "compliance.hardening": 0.01, "plate_compliance.reach": 400.0,
+           "rope_height.height": 120.0}
 # In each campaign effects that its poses can tell from one another and from the offsets.
 CAMPAIGNS: dict[str, tuple[str, list[dict[str, Any]]]] = {
     "planar 1": ("3-RPR", [effect("backlash", ["leg1", "leg3"], width=0.03),
@@ -112,6 +113,7 @@ CAMPAIGNS: dict[str, tuple[str, list[dict[str, Any]]]] = {
                from_row=36)]),
     "ropes": ("cable-4-planar", [effect("rope_stretch", ["c1"], strain=0.004)]),
     "frame of ropes": ("cable-4-planar", [effect("anchor_give", ["c2"], give=6.0)]),
+    "heights of ropes": ("cable-4-planar", [effect("rope_height", ["c1"], height=150.0)]),
     "lengths of ropes": ("cable-4-planar", [effect("missing_length", length=40.0)]),
     "from the file": ("6-UPS", [effect("learned", ["leg2"], scale=1.0) | {
         "input": "travel", "nodes": [1000, 1900, 2000, 2100, 2200, 4000],

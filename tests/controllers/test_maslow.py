@@ -48,6 +48,48 @@ def runs(path):
     return [len(run.joints) for run in read_log(path).runs]
 
 
+HIGH = {"bl": 34.0, "br": 78.0, "tr": 56.0, "tl": 100.0}
+
+
+def test_heights_of_anchors_are_taken_from_the_keys_and_written_back(tmp_path):
+    """Belts from four heights: their fit is the frame, and the firmware's own sums make it so."""
+    def belts(p):
+        return "{" + ", ".join(
+            f"{b}:{np.sqrt(np.sum((p - TRUE[b])**2) + HIGH[b]**2):.6f}" for b in BELTS) + "}"
+
+    path = log(tmp_path, clbm([belts(p) for p in places(20)]),
+               *(f"$/Maslow_{b}Z={h}" for b, h in HIGH.items()))
+    found = import_config("maslow", path)
+    assert found.imported.summary()["heights"] == HIGH
+    found.save(tmp_path / "o")
+    fit = identify(tmp_path / "o" / "machine.yaml", tmp_path / "o" / "measurements.csv")
+    np.testing.assert_allclose(fit.mechanism.values[list(fit.mechanism.free)],
+                               np.array([2968.4, 2955.1, 2087.9, 11.7, 2094.6]) * 1e-3, atol=5e-5)
+    fit.save(tmp_path / "fit")
+    out = export("maslow", tmp_path / "fit").exported
+    written_ = read(out.files[MASLOW.file], "x")
+    np.testing.assert_allclose(written_[:, 2], list(HIGH.values()), atol=1e-9)
+    np.testing.assert_allclose(written_[:, :2], list(TRUE.values()), atol=0.05)
+    assert not out.not_expressed
+    assert out.after.rms < 1e-6
+
+    # without the keys the same belts suit no frame
+    path.write_text("\n".join(line for line in path.read_text().splitlines() if "Z=" not in line))
+    plain = import_config("maslow", path)
+    assert "effects" not in plain.files()["machine.yaml"]
+    plain.save(tmp_path / "p")
+    other = identify(tmp_path / "p" / "machine.yaml", tmp_path / "p" / "measurements.csv")
+    away = other.mechanism.values[list(other.mechanism.free)] - fit.mechanism.values[
+        list(fit.mechanism.free)]
+    assert np.abs(away).max() > 1e-3
+
+
+def test_a_height_beyond_its_belt_is_refused(tmp_path):
+    path = log(tmp_path, clbm(readings(places(9))), "tlZ: 100000")
+    with pytest.raises(BadInput, match="tlZ is 100000 mm"):
+        import_config("maslow", path)
+
+
 # --- reading ------------------------------------------------------------------------------------
 
 

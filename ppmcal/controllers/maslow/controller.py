@@ -20,6 +20,7 @@ from ppmcal.controllers.maslow.reading import (
     NEEDED,
     anchors_of,
     goes_round,
+    heights_of,
     keys_of,
     read_keys,
     read_log,
@@ -75,7 +76,7 @@ def order(mechanism: Mechanism) -> list[int]:
 
 def frame(mechanism: Mechanism, ropes: RopeGeometry) -> Frame:
     """Return the Maslow's frame: origin at the bottom left anchor, x through the bottom right."""
-    first, second = ropes.anchors[:2]
+    first, second = ropes.anchors[:2] * [1.0, 1.0, 0.0]
     return Frame(horizontal(second - first), first)
 
 
@@ -87,8 +88,9 @@ def lengths(anchors: Array, points: Array) -> Array:
 def table(anchors: Array) -> Iterator[tuple[str, float]]:
     """Yield the keys and their values, mm, for anchors (4, 3), mm."""
     at = dict(zip(BELTS, anchors.tolist(), strict=True))
+    axes = "XYZ" if anchors[:, 2].any() else "XY"
     for belt in WRITTEN:
-        for axis, value in zip("XY", at[belt], strict=False):
+        for axis, value in zip(axes, at[belt], strict=False):
             yield f"Maslow_{belt}{axis}", value
 
 
@@ -104,7 +106,8 @@ def read(content: str, source: str) -> Array:
     Raises:
         BadInput: one is missing.
     """
-    return np.pad(anchors_of(keys_of(content, source)), ((0, 0), (0, 1)))
+    keys = keys_of(content, source)
+    return np.column_stack([anchors_of(keys), heights_of(keys)])
 
 
 def notes(found: Frame) -> Iterator[Note]:
@@ -143,7 +146,9 @@ def patch(exported: Exported, old: Path) -> Exported:
         content, count = line.subn(rf"\g<1>{number.new:.{DECIMALS}f}", content)
         if not count:
             content = content.rstrip("\n") + f"\n{number.name}: {number.new:.{DECIMALS}f}\n"
-    if not np.array_equal(read(content, COPY), read(exported.files[MASLOW.file], MASLOW.file)):
+    copied, new = read(content, COPY), read(exported.files[MASLOW.file], MASLOW.file)
+    if not np.array_equal(copied[:, :2], new[:, :2]) or (
+            new[:, 2].any() and not np.array_equal(copied, new)):
         raise NoResult("the copy reads back as other numbers", str(old),
                        f"Put the lines of {MASLOW.file} there by hand")
     told = Note(f"The {COPY} written is a copy of {old} with the new numbers. Keep the old one, "
@@ -179,7 +184,8 @@ def import_config(path: Path, options: Mapping[str, Any]) -> ImportedFiles:
     rows = np.concatenate([run.joints for run in log.runs])
     anchors, origin, tolerance = _anchors(rows, keys, "--anchors" if given else path.name,
                                           options["width"], options["height"])
-    machine = _machine(path, rows, anchors, origin, tolerance)
+    heights = _heights(rows, keys, "--anchors" if given else path.name)
+    machine = _machine(path, rows, anchors, origin, tolerance, heights)
     findings = list(log.findings)
     if exchanged := _exchanged(rows):
         findings.append(Note(
@@ -192,7 +198,8 @@ def import_config(path: Path, options: Mapping[str, Any]) -> ImportedFiles:
         texts, f"{path}: a Maslow with {pluralize(len(rows), 'reading')} of its belts in "
         f"{pluralize(len(counts), 'run')}. Anchors: {origin}.",
         {"runs": counts, "lines": [run.where for run in log.runs],
-         "anchors": dict(zip(BELTS, anchors.tolist(), strict=True)), "anchors_from": origin},
+         "anchors": dict(zip(BELTS, anchors.tolist(), strict=True)), "anchors_from": origin,
+         **({"heights": dict(zip(BELTS, heights.tolist(), strict=True))} if heights.any() else {})},
         tuple(findings), () if given is None else (str(given),))
 
 
@@ -250,7 +257,34 @@ def _crossed(rows: Array) -> float:
     return float(np.median(np.abs(bl + tr - br - tl) / (bl + tr + br + tl)))
 
 
-def _machine(path: Path, rows: Array, anchors: Array, origin: str, tolerance: float) -> RopeMachine:
+def _heights(rows: Array, keys: Mapping[str, float], source: str) -> Array:
+    """Return how far anchors (4,) are above the plane, mm, 0 where no key says it."""
+    heights = heights_of(keys)
+    for belt, height, shortest in zip(BELTS, heights, rows.min(axis=0), strict=True):
+        if height >= shortest:
+            raise BadInput(f"{belt}Z is {height:g} mm, and the belt reads {shortest:g} mm: no belt "
+                           "is shorter than its anchor is high", source,
+                           "Check the unit: heights of anchors are mm")
+    return heights
+
+
+def _effects(heights: Array) -> str:
+    """Return the lines that say how high anchors (4,) are, mm; none where all are 0."""
+    if not heights.any():
+        return ""
+    lines = "".join(f"  - {{kind: rope_height, on: [{belt}], "
+                    f"parameters: {{height: {height:.10g}}}}}\n" for belt, height in
+                    zip(BELTS, heights.tolist(), strict=True) if height)
+    return f"""\
+# How far anchors are above the router's plane, as the firmware has it: a belt reads more than its
+# length in the plane. To have one found: height: {{value: 34, tolerance: 10, free: true}}. Take
+# these out where readings are lengths in the plane already.
+effects:
+{lines}"""
+
+
+def _machine(path: Path, rows: Array, anchors: Array, origin: str, tolerance: float,
+             heights: Array) -> RopeMachine:
     ends = np.column_stack([np.floor(0.08 * rows.min(axis=0)), np.ceil(0.11 * rows.max(axis=0))])
     home = np.round(anchors.mean(axis=0), 1)
     return RopeMachine(
@@ -264,4 +298,4 @@ def _machine(path: Path, rows: Array, anchors: Array, origin: str, tolerance: fl
         tuple(home.tolist()), {"point": tolerance, "offset": 3.0}, 10.0 * ends, """\
 # What is never counted of a belt, its end or the arm of the sled, is the same for all: take `fixed`
 # out of belt_end to find it.
-""")
+""" + _effects(heights))

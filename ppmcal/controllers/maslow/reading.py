@@ -28,6 +28,8 @@ LEAST_AREA = 1e4
 FEWEST = 4
 """Places that a run needs: five coordinates of anchors are open, and a place says two numbers."""
 KEYS = ("tlX", "tlY", "trX", "trY", "blX", "blY", "brX", "brY")
+HEIGHTS = tuple(f"{belt}Z" for belt in BELTS)
+"""Keys of what anchors are above the router's own plane, mm."""
 NEEDED = ("tlX", "tlY", "trX", "trY", "brX")
 """Anchors' keys; bl is the origin, and brY 0 where nothing else is said."""
 _CLBM = "CLBM"
@@ -36,7 +38,7 @@ _BELT = re.compile(rf"""["']?\b({'|'.join(BELTS)})\b["']?\s*[:=]\s*([^,;}}]*)"""
                    re.ASCII | re.IGNORECASE)
 _OPENED = re.compile(rf"""\{{[^{{}}]*\b({'|'.join(BELTS)})\b["']?\s*[:=]""",
                      re.ASCII | re.IGNORECASE)
-_KEY = re.compile(rf"(?<![A-Za-z])(?:maslow_)?({'|'.join(KEYS)})\s*[:=]\s*"
+_KEY = re.compile(rf"(?<![A-Za-z])(?:maslow_)?({'|'.join(KEYS + HEIGHTS)})\s*[:=]\s*"
                   r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)", re.ASCII | re.IGNORECASE)
 
 
@@ -126,6 +128,11 @@ def keys_of(text: str, source: str) -> dict[str, float]:
 def anchors_of(keys: Mapping[str, float]) -> Array:
     """Return the anchors (4, 2), mm, in the order of :data:`BELTS`; what is not said is 0."""
     return np.array([[keys.get(f"{belt}{axis}", 0.0) for axis in "XY"] for belt in BELTS])
+
+
+def heights_of(keys: Mapping[str, float]) -> Array:
+    """Return how far anchors (4,) are above the plane, mm, in the order of :data:`BELTS`."""
+    return np.abs([keys.get(key, 0.0) for key in HEIGHTS])
 
 
 def goes_round(anchors: Array) -> bool:

@@ -112,6 +112,8 @@ def export_ropes(firmware: RopeFirmware, mechanism: Mechanism, old: Path | None,
     exact = machine.frame.inside(machine.ropes.anchors) / MM
     new = np.round(exact, firmware.decimals) + 0.0
     present = _present(firmware, machine, old)
+    if mechanism.motion.planar and not new[:, 2].any():
+        present[:, 2] = 0.0     # joint values are lengths in the plane, whatever the file says
     wanted = default_grid(mechanism).poses(mechanism)
     wanted = wanted[:: 1 + len(wanted) // MOST]
     before, after = (_errors(firmware, machine, anchors * MM, wanted, mechanism)
@@ -160,7 +162,7 @@ def _lacks(firmware: RopeFirmware, machine: _Machine, anchors: Array, wanted: Ar
            ) -> Iterator[NotExpressed]:
     """Yield what anchors alone cannot hold, with what that costs."""
     mechanism, ropes = machine.real, machine.ropes
-    bare = replace(mechanism, effects=())
+    bare = replace(mechanism, effects=tuple(e for e in mechanism.effects if e.kind.height))
     names = [mechanism.limbs[i].name for i in machine.order]
     longer = ropes.ratio / machine.nominal.ratio
     apart = ropes.offset - firmware.zero(anchors)
@@ -176,7 +178,7 @@ def _lacks(firmware: RopeFirmware, machine: _Machine, anchors: Array, wanted: Ar
         yield NotExpressed("; ".join(parts), slots,
                            _errors(firmware, machine, anchors, wanted, bare))
     for effect in mechanism.effects:
-        if not effect.kind.instrument:
+        if not effect.kind.instrument and not effect.kind.height:
             yield effect_lacking(mechanism, effect, "")
 
 

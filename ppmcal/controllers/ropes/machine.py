@@ -19,7 +19,8 @@ class RopeGeometry:
     """Ropes to one point that does not turn, SI, in the order of the limbs.
 
     Attributes:
-        anchors: base axes, less where each rope holds the platform (k, 3).
+        anchors: base axes, less where each rope holds the platform (k, 3); in the plane z is the
+            height that an effect says.
         offset, ratio: rope length = ratio q + offset (k,).
         actuators: index of each rope's joint value (k,).
     """
@@ -46,6 +47,9 @@ def rope_geometry(mechanism: Mechanism, order: Sequence[int] = ()) -> RopeGeomet
     limbs = skeleton(model, home, none)
     place = cga.translation(home)[0]
     anchors = np.array([(limb.base_point - limb.platform_point)[0] + place for limb in limbs])
+    for effect in (e for e in mechanism.effects if e.kind.height):
+        lifted = [effect.on[limb.actuator] for limb in mechanism.limbs]
+        anchors[lifted, 2] = mechanism.values[effect.parameters[effect.kind.height]]
     at = [np.array([float(model.joint_coordinate(i, q)[0]) for i in range(len(limbs))])
           for q in (none, one)]
     own = list(order or range(len(limbs)))

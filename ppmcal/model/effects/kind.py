@@ -253,6 +253,8 @@ class EffectKind:
         nuisance: whether it is of what the machine is measured against: a search names it for
             nothing, and tells it as an alternative to what it explains as well.
         title: what people call it; empty: its name. Kinds made of one are distinguished by it.
+        height: the parameter by which a rope's anchor is above the plane, of a kind that says so: a
+            controller may have it among its anchors' coordinates.
         body: where one that is not of single actuators sits: ``base`` or ``platform``; empty: on
             no body of its own.
     """
@@ -294,6 +296,7 @@ class EffectKind:
     body: str = ""
     reversal: Reversal | None = None
     nuisance: bool = False
+    height: str = ""
 
     def __post_init__(self) -> None:
         """Refuse a name, column or period that means something else, or nothing (ValueError)."""

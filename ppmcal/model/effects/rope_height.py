@@ -1,0 +1,47 @@
+"""Ropes whose ends are not at one height, of a machine that is modelled in the plane.
+
+A belt from an anchor above or below the point that it holds is the hypotenuse: it reads more than
+its length in the plane, the more so the shorter it is. Arms and hooks that are in the plane are no
+part of it: they are added to the length in the plane, as the joint's offset. Without an instrument
+what a belt would have read follows from the pose, and with it the shift.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ppmcal.linalg import Bools
+from ppmcal.model.effects.kind import (
+    EffectKind,
+    EffectParameter,
+    Terms,
+    Worked,
+    fixed_list,
+    register,
+)
+from ppmcal.model.effects.setting import Setting
+
+
+def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
+    """Du = sqrt(r^2 - height^2) - r with r = ratio q, nan where that is no more than the height."""
+    read, height = setting.travel, values["height"]
+    square = read**2 - height**2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        flat = np.where(square > 0.0, np.sqrt(square), np.nan)
+    return Terms(setting.at_joints(flat - read, on),
+                 {"height": setting.at_joints(-height / flat, on)})
+
+
+ROPE_HEIGHT = register(EffectKind(
+    "rope_height", "du = sqrt(q^2 - height^2) - q", "Pythagoras; measurementToXYPlane of the "
+    "Maslow's firmware",
+    fixed_list(EffectParameter("height", "length", low=0.0, usual=(0.0, 0.5), size=1e-3,
+                               why="arms that are stacked on a router are some centimetres apart")),
+    (), _terms, joints="ropes", exists_in=lambda motion: motion.planar,
+    uses_load=True, height="height", title="height of a rope's anchor above the plane",
+    remedy="measure the height of each anchor above the point that the rope holds",
+    # a height is on the drawing; at 0, where a search begins, it does nothing at first order
+    variants=lambda motion: (),
+    worked=Worked({"height": 0.3}, {"travel": 0.5}, -0.1)))
