@@ -2,12 +2,10 @@
 
     python benchmarks/real_belts.py --data DIR [--runs ten-runs-01 old-runs-29 ...]
     python benchmarks/real_belts.py --data DIR --constant 150 --runs ten-runs-01 ten-runs-02 ...
-    python benchmarks/real_belts.py --data DIR --sessions old-runs-37 old-runs-38
 
 With `--constant` so many mm are taken off all belts, and it says by how much each run, fitted with
 the pull of the lower belts, finds another constant: with all belts in one plane, and with the
-heights of anchors that the firmware has. With `--sessions` several runs are given to one `diagnose`
-as sessions of one machine, and it says what that tells of changes from one to the next.
+heights of anchors that the firmware has.
 
 DIR has `maslow/`: one table of belts for each run (bl, br, tr, tl, mm), and what the owner wrote
 about them in `index.csv`, with which the table is to be held.
@@ -28,7 +26,9 @@ import numpy as np
 import yaml
 
 import ppmcal
+from ppmcal.calibration.fit import FitOptions, Problem, identify, with_gauge
 from ppmcal.errors import PpmcalError
+from ppmcal.io import read_mechanism
 
 BELTS = ("bl", "br", "tr", "tl")
 HEIGHTS = {"bl": 34.0, "br": 78.0, "tr": 56.0, "tl": 100.0}
@@ -115,10 +115,10 @@ def constant(data: Path, told: dict[str, tuple[str, tuple[float, float]]], off: 
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "belts.yaml"
             file.write_text(yaml.safe_dump(tree), encoding="utf-8")
-            fit = ppmcal.identify(file, ppmcal.read_data(file, table, sidecar=SIDE, name=run),
-                                  holdout=0.0)
-        values = {e.name: e.value for e in fit.identification.estimates}
-        found.append(1e3 * values["missing_length.length"] - off)
+            rows_read = ppmcal.read_data(file, table, sidecar=SIDE, name=run)
+            model = with_gauge(read_mechanism(file), rows_read)
+            fit = identify(Problem(model, rows_read, model.free), FitOptions())
+        found.append(1e3 * float(fit.state.g[model.names.index("missing_length.length")]) - off)
     return run, found
 
 
@@ -135,40 +135,18 @@ def constants(data: Path, off: float, runs: list[str], cores: int) -> None:
           + " |")
 
 
-def sessions(data: Path, runs: list[str]) -> None:
-    """Print what one `diagnose` of several runs, as sessions, tells of what changed."""
-    with tempfile.TemporaryDirectory() as folder:
-        file, given = Path(folder) / "belts.yaml", []
-        file.write_text(yaml.safe_dump(machine(words(data)[runs[0]][1])), encoding="utf-8")
-        for run in runs:
-            rows = np.genfromtxt(data / f"{run}.csv", delimiter=",", names=True)
-            given += ppmcal.read_data(file, {f"q_{n}": rows[n] for n in BELTS}, sidecar=SIDE,
-                                      name=run)
-        ppmcal.diagnose(file, given).save(Path(folder) / "out")
-        said = json.loads((Path(folder) / "out" / "diagnosis.json").read_text(encoding="utf-8"))
-    for effect in said["effects"]:
-        print(effect["kind"], effect["on"], effect["parameters"], f"{effect['probability']:.2f}")
-    for sentence in said["findings"]:
-        if "session" in str(sentence):
-            print(sentence)
-
-
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--runs", nargs="*")
     parser.add_argument("--constant", type=float)
-    parser.add_argument("--sessions", nargs="*")
     parser.add_argument("--cores", type=int, default=multiprocessing.cpu_count())
     asked = parser.parse_args()
     data = asked.data / "maslow"
     runs = asked.runs or sorted(p.stem for p in data.glob("*.csv") if p.stem != "index")
     if asked.constant is not None:
         constants(data, asked.constant, runs, asked.cores)
-        return
-    if asked.sessions:
-        sessions(data, asked.sessions)
         return
     print("| run | readings | the owner | rows left out | verdict | named | without a name |")
     print("|---|---|---|---|---|---|---|")

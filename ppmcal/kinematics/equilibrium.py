@@ -74,6 +74,10 @@ def reached_poses(model: Model, q: Array, environment: Environment | None = None
     heavy = uses_load(model.mechanism)
     first = forward(model, q, start, start_q) if heavy or not model.mechanism.effects else None
     now = shifted(model, rows, q, first.pose if first else np.full((q.shape[0], 8), np.nan))
+    if rows.stood is not None and not heavy and not row_known(now.shift, len(q)).any():
+        # without an instrument what follows the joints follows from the pose, and so it settles
+        heavy, first = True, forward(model, q, start, start_q)
+        now = shifted(model, rows, q, first.pose)
     closed = first.pose if first and now is model else _forward(now, q, start, start_q).pose
     if heavy:
         closed, now = _settle(model, q, rows, closed)

@@ -11,6 +11,7 @@ from ppmcal import algebra as cga
 from ppmcal.calibration.compensation import ParameterCovariance
 from ppmcal.calibration.compensation.kinematics_sigma import PoseRows, forward_sigma
 from ppmcal.calibration.fit import by_defining
+from ppmcal.calibration.fit.problem import white_squares
 from ppmcal.commands.inputs import prepared
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
@@ -62,6 +63,19 @@ def test_what_is_found_is_the_truth_in_another_frame(tree, tmp_path):
     ours = forward(Model(machine), q)
     assert ours.converged.all()
     assert apart(machine, ours.pose, pose) < 1e-9
+
+
+def test_an_effect_that_follows_the_joints_is_in_the_machine(tmp_path):
+    """Without an instrument it follows from the pose, and so settles with it."""
+    bent = {"kind": "gain", "on": ["tl"], "parameters": {"gain": 2e-3}}
+    scenario = alone(belts(), HALF["belts"], 20, sigma=1e-3, effects=[bent])
+    made = ppmcal.simulate(written(tmp_path, belts()), scenario)
+    fits = [ppmcal.identify(written(tmp_path, belts() | more, f"{n}.yaml"), made.data[0],
+                            holdout=0.0).identification.fit
+            for n, more in enumerate(({"effects": [bent]}, {}))]
+    told, untold = (white_squares(f.problem, f.state, f.keep)[0] for f in fits)
+    values = 20 * 2
+    assert told < 3 * values < untold
 
 
 def test_no_instrument_and_no_surplus_is_refused(tmp_path):
