@@ -61,7 +61,7 @@ STUDIES = (
     Study("weak", DIAGNOSIS, {"docs/campaigns.md": ("weak",)},
           ("weak_campaigns.py", "--seeds", "2"), "--first", AFTERWARDS),
     Study("ropes", DIAGNOSIS, {"docs/without-instrument.md": ("ropes",)},
-          ("ropes_study.py", "--count", "3"), but=AFTERWARDS),
+          ("ropes_study.py", "--count", "2"), but=AFTERWARDS),
     Study("ropes-coverage", ("calibration",), {"docs/without-instrument.md": ("ropes-coverage",)},
           ("ropes_study.py", "--coverage", "200"), but=BEFOREHAND),
     Study("coverage", ("calibration",), {"docs/campaigns.md": ("coverage",)},
