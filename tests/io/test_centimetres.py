@@ -42,7 +42,7 @@ def test_joints_in_centimetres_are_those_in_millimetres(tmp_path: Path, where: s
         (one,) = ppmcal.read_data(mechanism, path)
         found.append(one)
     np.testing.assert_allclose(found[1].q, found[0].q, rtol=1e-14)
-    np.testing.assert_allclose(found[1].measured, found[0].measured, rtol=1e-13)
+    np.testing.assert_allclose(found[1].position, found[0].position, rtol=1e-13)
 
 
 def test_a_file_in_centimetres_says_so() -> None:
