@@ -12,7 +12,7 @@ from ppmcal.wording import number
 
 T = TypeVar("T")
 
-LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
+LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
 TURN = 2.0 * math.pi
 """A unit of what is read, beside those that a file may declare."""
@@ -20,7 +20,7 @@ TURN = 2.0 * math.pi
 
 @dataclass(frozen=True)
 class Units:
-    """The units of one file: ``length`` m, mm, um or in; ``angle`` rad or deg."""
+    """The units of one file: ``length`` m, cm, mm, um or in; ``angle`` rad or deg."""
 
     length: str
     angle: str

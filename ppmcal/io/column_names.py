@@ -51,6 +51,7 @@ GROUPED = re.compile(r"collection|group\d*")
 _NUMBERED = re.compile(r"group\d+")
 UNIT_WORDS: Mapping[str, str] = {
     **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), "mm"),
+    **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetre", "centimetres"), "cm"),
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
     **dict.fromkeys(("in", "inch", "inches"), "in"),
     **dict.fromkeys(("um", "µm", "micron", "microns", "micrometer", "micrometers"), "um")}

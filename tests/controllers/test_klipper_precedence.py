@@ -176,7 +176,7 @@ def test_only_files_beside_are_followed_and_no_circle(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("words", "said"), [
-    (["klipper", "m.yaml", "--write"], "--old"), (["reprap", "m.yaml", "--write"], "no copy")])
+    (["klipper", "m.yaml", "--write"], "--old"), (["linuxcnc", "m.yaml", "--write"], "no copy")])
 def test_a_copy_wants_a_file_and_a_format(tmp_path: Path, words: list[str], said: str) -> None:
     path = tmp_path / "printer.cfg"
     path.write_text(sample(tmp_path))

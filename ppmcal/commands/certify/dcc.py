@@ -16,7 +16,8 @@ from ppmcal.io.results.certificate import (
 
 DCC, SI = "https://ptb.de/dcc", "https://ptb.de/si"
 VERSION = "3.3.0"
-UNITS = {"m": ("\\metre", 1.0), "mm": ("\\milli\\metre", 1.0), "um": ("\\micro\\metre", 1.0),
+UNITS = {"m": ("\\metre", 1.0), "cm": ("\\centi\\metre", 1.0), "mm": ("\\milli\\metre", 1.0),
+         "um": ("\\micro\\metre", 1.0),
          "in": ("\\milli\\metre", 25.4), "rad": ("\\radian", 1.0), "deg": ("\\degree", 1.0),
          "": ("\\one", 1.0), "°C": ("\\degreecelsius", 1.0), "kg": ("\\kilogram", 1.0),
          "N": ("\\newton", 1.0), "N m": ("\\newton\\metre", 1.0)}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -159,10 +159,13 @@ def run(asked: ExportArguments) -> ExportResult:
     warned = refuse_unfit(machine, regardless=asked.regardless)
     source_file = Path(machine.source)
     old, poses = asked.old, asked.poses
+    copied = _copier(writer, asked.form, old) if asked.write else None
     made = writer.export(machine, None if old is None else Path(old),
                          None if poses is None else Path(poses))
-    if asked.write:
-        made = _copied(writer, asked.form, made, old, machine.source)
+    if copied is not None and old is not None:
+        made = copied(made, Path(old))
+        if made.copy:
+            refuse_other_file(Path(machine.source), Path(old))
     notes = list[Note]()
     sure = secondary("how well the model is known", lambda: pose_uncertainty(
         machine, made.poses, source_file), UNKNOWN, notes)
@@ -177,19 +180,19 @@ def run(asked: ExportArguments) -> ExportResult:
                         Path(old) if made.copy and old is not None else None)
 
 
-def _copied(writer: Exporter, form: str, made: Exported, old: Path_ | None, source: str
-            ) -> Exported:
-    """Return the export with a copy of the controller's file."""
-    patch = getattr(writer, "patch", None)
+def _copier(writer: Exporter, form: str, old: Path_ | None) -> Callable[[Exported, Path], Exported]:
+    """Return what adds a copy of the controller's file to an export.
+
+    Raises:
+        BadInput: the format has no such copy, or there is no file.
+    """
+    patch: Callable[[Exported, Path], Exported] | None = getattr(writer, "patch", None)
     if patch is None:
         raise BadInput(f"{form} writes no copy of a controller's file", "--write", "Leave it out")
     if old is None:
         raise BadInput("there is no file to copy", "--write",
                        "Give the printer's own with --old printer.cfg")
-    out: Exported = patch(made, Path(old))
-    if out.copy:
-        refuse_other_file(Path(source), Path(old))
-    return out
+    return patch
 
 
 def refuse_other_file(model: Path, old: Path, unknown_too: bool = False) -> None:

@@ -50,7 +50,7 @@ class ReadArguments(Arguments):
         "{pose}_{target}: one CSV for each target.", metavar="PATTERN")
     units: str | None = option(
         None, "Length unit of points whose header names none", otherwise="the sidecar's",
-        choices=("m", "mm", "um", "in"))
+        choices=("m", "cm", "mm", "um", "in"))
     name: str = option("run", "Of the files that save writes, without their ends.", only=PYTHON)
 
     def completed(self) -> Self:

@@ -194,7 +194,7 @@ def joint_tables(mechanism: Mechanism) -> tuple[CorrectionTable, ...]:
     out = []
     for a, name in enumerate(mechanism.actuators):
         factor, unit = mechanism.joint_units[a]
-        if unit in ("m", "um"):    # which LinuxCNC does not count in; bare numbers stay bare
+        if unit in ("m", "cm", "um"):    # which LinuxCNC does not count in; bare numbers stay bare
             factor, unit = LENGTHS["mm"], "mm"
         limb = next(limb for limb in mechanism.limbs if limb.actuator == a)
         slope = abs(limb.slots.values(mechanism.nominals).get("ratio", 1.0))    # |du/dq|
