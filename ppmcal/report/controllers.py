@@ -42,7 +42,7 @@ def export_section(one: Held[ExportRecord]) -> Section:
     """Return everything about one export."""
     r = one.record
     notes = [sentence(n) for n in (*r.notes, *r.advice)]
-    verdict = paragraph(r.verdict.sentences(), "big") if r.verdict.answer else ""
+    verdict = paragraph(r.judged, "big")
     head = verdict + _lines(r) + paragraph(_said(r), "" if verdict else "big")
     return Section(f"Export: {r.called}", head + _numbers(r), one.folder,
                    parts=filled([_gain(r), _not_expressed(r),
@@ -168,4 +168,4 @@ EXPORT: Kind[Held[ExportRecord]] = Kind(
     lambda one: [("export", one.record)],
     lambda one, _: [(one.folder, text) for text in one.record.all_findings()],
     lambda one, _: {"errors": drawings(one.record)},
-    lambda one, _: [text for text in [one.record.verdict.sentences()] if text])
+    lambda one, _: [text for text in [one.record.judged] if text])

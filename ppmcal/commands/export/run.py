@@ -38,8 +38,8 @@ ROWS = 24
 
 def told(record: ExportRecord, copied: bool = False) -> Iterator[Told]:
     """Yield the verdict, lines to paste, numbers, errors with old and new ones, notes, advice."""
-    if record.verdict.answer:
-        yield record.verdict.sentences()
+    if record.judged:
+        yield record.judged
     if record.lines and not copied:
         yield f"Lines to paste, in {record.files[0]}:"
         yield from (f"    {line}".rstrip() for line in record.lines)

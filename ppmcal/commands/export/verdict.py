@@ -17,6 +17,7 @@ from ppmcal.errors import NoResult
 from ppmcal.io.results.export import (
     LEAST,
     NO_GAIN,
+    NOT_JUDGED,
     ExportRecord,
     NotExpressedEntry,
     Verdict,
@@ -128,7 +129,7 @@ def verdict_of(record: ExportRecord, known: Evidence, warned: Sequence[str]) -> 
         return Verdict(answer="no", why=str(warned[0]), unchecked=unchecked)
     why = _gain(record, known)
     if not known.there:
-        return Verdict(answer="not judged", why=f"no calibration of this model lies beside it; "
+        return Verdict(answer=NOT_JUDGED, why=f"no calibration of this model lies beside it; "
                        f"{why}", unchecked=unchecked)
     lost = [entry.what for entry in record.not_expressed if _costs(entry)]
     if lost:

@@ -101,6 +101,9 @@ class NotExpressedEntry(Part):
         return f"{self.what or '?'}" + (f": costs {cost}" if cost else "")
 
 
+NOT_JUDGED = "not judged"
+
+
 class Verdict(Part):
     """Whether to use what is written: ``yes``, ``only in part``, ``no`` or ``not judged``.
 
@@ -111,12 +114,12 @@ class Verdict(Part):
     why: Text = ""
     unchecked: tuple[Text, ...] = ()
 
-    def sentences(self) -> str:
-        """Return ``Paste this: yes, ...`` and what is not checked; empty where nothing says it."""
+    def sentences(self, what: str) -> str:
+        """Return ``WHAT: yes, ...`` and what is not checked; empty where nothing says it."""
         if not self.answer:
             return ""
         return " ".join(f"{part[:1].upper()}{part[1:].rstrip('.')}." for part in (
-            f"Paste this: {self.answer}; {self.why}", *self.unchecked))
+            f"{what}: {self.answer}; {self.why}", *self.unchecked))
 
 
 class ExportRecord(Record):
@@ -160,6 +163,13 @@ class ExportRecord(Record):
     grid: Mapping[str, Any] = field(default_factory=dict)
     tried: Mapping[str, Any] = field(default_factory=dict)
     provenance: Provenance = Provenance()
+
+    @property
+    def judged(self) -> str:
+        """``Paste this: yes, ...``; of files that nobody pastes, only what a calibration says."""
+        if not self.lines and self.verdict.answer == NOT_JUDGED:
+            return ""
+        return self.verdict.sentences("Paste this" if self.lines else "Use this")
 
     @property
     def called(self) -> str:
