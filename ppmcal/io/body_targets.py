@@ -225,14 +225,18 @@ def refuse_unsaid(table: Table, file: SidecarFile, side: str) -> None:
     if not found and not axes & {"x", "y"} and not set("xy") & set(file.read.columns):
         pairs = (re.fullmatch(f"(.*[0-9A-Za-z]){BETWEEN}x", bare_name(h)) for h in free)
         names = [p[1] for p in pairs if p]
-        found = [n for n in names if any(re.fullmatch(
-            f"{re.escape(n)}{BETWEEN}y", bare_name(h)) for h in free)]
+        # x, y, z and w are a rotation, no place
+        found = [n for n in names if _has(free, n, "y") and not _has(free, n, "w")]
         found, where = (found, "columns are of several targets") if len(found) > 1 else ([], "")
     if found:
         written = ", ".join(f"{n}: unknown" for n in found[:4]) + (", ..." if found[4:] else "")
         raise BadInput(f"{where}, and the sidecar has one `target`", f"{side}: target",
                        f"Write `targets: {{{written}}}` in its place, with the point [x, y, z] of "
                        "those whose place on the platform is known")
+
+
+def _has(headers: Sequence[str], name: str, axis: str) -> bool:
+    return any(re.fullmatch(f"{re.escape(name)}{BETWEEN}{axis}", bare_name(h)) for h in headers)
 
 
 def stands(group: Ints, target: Sequence[str]) -> Ints:

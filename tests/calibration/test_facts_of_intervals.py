@@ -35,7 +35,7 @@ class Rows(SimpleNamespace):
 def fit_of(*files: Array, keep: list[NDArray[np.bool_]] | None = None, free: tuple[int, ...] = (0,),
            earlier: Any = None) -> Any:
     """Return a fit of files with joint values (N, k) each; two columns in units of 1 and 100."""
-    datasets = [Rows(q=q, name=f"run{i + 1}", sessions=(), campaign="")
+    datasets = [Rows(q=q, name=f"run{i + 1}", sessions=(), campaign="", body="")
                 for i, q in enumerate(files)]
     return SimpleNamespace(
         keep=keep or [np.ones(len(q), dtype=bool) for q in files], scale=np.array([1.0, 100.0]),

@@ -35,6 +35,7 @@ KNOWN = {
     "report/diagnosis_figures.py": "files that do not say",
     "controllers/delta/files.py": "printed parts, of which an interval is known, no noise",
     "diagnosis/result.py": "the default of no noise",
+    "io/measurement_columns.py": "what an instrument lists, which is stated",
     "diagnosis/residual_series.py": "a standard normal of the same chance, no interval",
 }
 

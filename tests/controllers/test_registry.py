@@ -95,8 +95,8 @@ def test_words_with_the_old_file_are_said_of_imported_machines_alone():
     delta = read_mechanism(PACKAGE.parent / "configs" / "delta-linear.yaml")
     assert not [t for t in controllers.uses(delta, "fit") if "--old" in t]
     (told,) = controllers.uses(delta, "fit", "reprap", "config.g")
-    assert told == ("ppmcal export reprap fit --old config.g writes the lines M665 and M666: paste "
-                    "them into config.g")
+    assert told == ("ppmcal export reprap fit --old config.g --write puts M665 and M666 into it, "
+                    "and keeps the old one beside")
 
 
 def test_every_controller_says_what_it_does_and_is_in_the_docs():

@@ -116,7 +116,7 @@ def test_a_bootstrap_is_drawn_poses_summed(poses: int) -> None:
 
 def rows_of(count: int, load: Array | None = None, sessions: list[str] | None = None) -> Problem:
     """Return what thinning asks of a problem: rows with a load and in sessions, of six values."""
-    data = SimpleNamespace(name="a", kind=POSE, sessions=sessions, campaign="",
+    data = SimpleNamespace(name="a", kind=POSE, sessions=sessions, campaign="", body="",
                            to_q=None, __len__=lambda: count)
     wrench = np.zeros((count, 6))
     wrench[:, 2] = 0.0 if load is None else load

@@ -227,10 +227,8 @@ def test_a_printer_gets_the_numbers_of_its_firmware(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copy(ROOT / "sample_data" / "printer" / "printer.cfg", "printer.cfg")
     ppmcal("import", "klipper", "printer.cfg", "--rods", "300", cwd=tmp_path, expect=0)
-    Path("fit").mkdir()
-    shutil.copy("imported/machine.yaml", "fit/identified.yaml")
-    record = identification("bench") | {"provenance": {"inputs": {"imported/machine.yaml": "x"}}}
-    Path("fit/identification.json").write_text(json.dumps(record))
+    ppmcal("identify", "imported/machine.yaml", "imported/heights.csv", "--out", "fit", "--quiet",
+           cwd=tmp_path)
     (verdict,) = verdicts(run(ReportArguments(folders=("fit",))).data)
     assert re.findall(r"ppmcal ((?:export )?\w+)", verdict.lines[2].text) == [
         "export klipper", "validate"]

@@ -175,7 +175,7 @@ def run(asked: ExportArguments) -> ExportResult:
     beside = source_file.with_name(KNOWLEDGE) if known.there or made.uncertainty.frame else None
     source = source_of("export", [*machine.inputs, *files_of(old, poses, beside)], None)
     record = record_of(made, machine.name, source)
-    record = replace(record, verdict=verdict_of(record, known, warned))
+    record = record.changed(verdict=verdict_of(record, known, warned))
     return ExportResult(source, (*warned, *notes, *record.all_findings()), machine, made, record,
                         Path(old) if made.copy and old is not None else None)
 

@@ -19,8 +19,8 @@ from ppmcal.io.results.export import (
     NO_GAIN,
     NOT_JUDGED,
     ExportRecord,
+    ExportVerdict,
     NotExpressedEntry,
-    Verdict,
     is_known,
 )
 from ppmcal.io.results.identification import IdentificationRecord
@@ -33,7 +33,7 @@ from ppmcal.notes import Note
 
 
 @dataclass(frozen=True)
-class Evidence:
+class FitEvidence:
     """What the measurements behind a model say of it.
 
     ``before``, ``unseen``: errors of rows that a fit had not seen, of the machine before it and
@@ -46,7 +46,7 @@ class Evidence:
     there: bool = False
 
 
-def evidence_of(mechanism: Mechanism) -> Evidence:
+def evidence_of(mechanism: Mechanism) -> FitEvidence:
     """Return what identification.json beside the model says, nothing where it is of another one.
 
     Raises:
@@ -54,14 +54,14 @@ def evidence_of(mechanism: Mechanism) -> Evidence:
     """
     path = Path(mechanism.source).with_name(KNOWLEDGE)
     if mechanism.source not in mechanism.inputs or not path.is_file():
-        return Evidence()
+        return FitEvidence()
     record = read_identification(path)
     if of_other_values(record, mechanism):
-        return Evidence()
+        return FitEvidence()
     known = record.residual
     kind = next((k for k in ("position", "rotation", *known.holdout) if k in known.holdout), "")
     none = ErrorSize()
-    return Evidence(known.before.get(kind) or none, known.holdout.get(kind) or none,
+    return FitEvidence(known.before.get(kind) or none, known.holdout.get(kind) or none,
                     _size(record), True)
 
 
@@ -82,7 +82,7 @@ def _size(record: IdentificationRecord) -> str:
             f"{f'{measure} to {scale.measure_to:.2g} {scale.unit}' if measured else measure}")
 
 
-def reasons_against(made: Exported, known: Evidence) -> Iterator[tuple[str, str]]:
+def reasons_against(made: Exported, known: FitEvidence) -> Iterator[tuple[str, str]]:
     """Yield why the numbers must not be used, each with a hint.
 
     The model's own uncertainty is in the errors with the old numbers and with the new ones, and
@@ -103,7 +103,7 @@ def reasons_against(made: Exported, known: Evidence) -> Iterator[tuple[str, str]
                "Measure more, or give tolerances for what is not measured")
 
 
-def refuse_worse(made: Exported, known: Evidence, source: str, regardless: bool) -> list[Note]:
+def refuse_worse(made: Exported, known: FitEvidence, source: str, regardless: bool) -> list[Note]:
     """Refuse numbers that must not be used.
 
     Returns:
@@ -119,24 +119,24 @@ def refuse_worse(made: Exported, known: Evidence, source: str, regardless: bool)
     return [Note(f"{what}; written anyway, because of --regardless") for what, _ in against[:1]]
 
 
-def verdict_of(record: ExportRecord, known: Evidence, warned: Sequence[str]) -> Verdict:
+def verdict_of(record: ExportRecord, known: FitEvidence, warned: Sequence[str]) -> ExportVerdict:
     """Return the verdict on what is written; ``warned``: reasons against it that were set aside."""
     unchecked = tuple(filter(None, (
         known.size,
         "" if is_known(record.predicted.model.rms) else
         f"how well the numbers are known is not: {record.predicted.model.reason}")))
     if warned:
-        return Verdict(answer="no", why=str(warned[0]), unchecked=unchecked)
+        return ExportVerdict(answer="no", why=str(warned[0]), unchecked=unchecked)
     why = _gain(record, known)
     if not known.there:
-        return Verdict(answer=NOT_JUDGED, why=f"no calibration of this model lies beside it; "
+        return ExportVerdict(answer=NOT_JUDGED, why=f"no calibration of this model lies beside it; "
                        f"{why}", unchecked=unchecked)
     lost = [entry.what for entry in record.not_expressed if _costs(entry)]
     if lost:
         more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
-        return Verdict(answer="only in part", why=f"{why}; {record.called} cannot express: "
+        return ExportVerdict(answer="only in part", why=f"{why}; {record.called} cannot express: "
                        f"{lost[0]}{more}", unchecked=unchecked)
-    return Verdict(answer="yes", why=why, unchecked=unchecked)
+    return ExportVerdict(answer="yes", why=why, unchecked=unchecked)
 
 
 def _costs(entry: NotExpressedEntry) -> bool:
@@ -146,7 +146,7 @@ def _costs(entry: NotExpressedEntry) -> bool:
     return not known or max(known) > LEAST
 
 
-def _gain(record: ExportRecord, known: Evidence) -> str:
+def _gain(record: ExportRecord, known: FitEvidence) -> str:
     """Return the errors promised before and after, and those of rows that no fit has seen."""
     whole = record.predicted
     exact = not (is_known(whole.before.rms) and is_known(whole.after.rms))

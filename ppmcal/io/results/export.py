@@ -104,7 +104,7 @@ class NotExpressedEntry(Part):
 NOT_JUDGED = "not judged"
 
 
-class Verdict(Part):
+class ExportVerdict(Part):
     """Whether to use what is written: ``yes``, ``only in part``, ``no`` or ``not judged``.
 
     ``why``: in a sentence; ``unchecked``: what no measurement says, each as the end of a sentence.
@@ -139,7 +139,7 @@ class ExportRecord(Record):
     old: Mapping[str, Shown | None] = field(default_factory=dict)
     number_units: Mapping[str, Text] = field(default_factory=dict)
     title: Text = ""
-    verdict: Verdict = Verdict()
+    verdict: ExportVerdict = ExportVerdict()
     lines: tuple[Text, ...] = ()
     summary: Annotated[Text, Key("said")] = ""
     over: Text = ""

@@ -16,6 +16,7 @@ from ppmcal.linalg import Bools
 from ppmcal.model.effects.kind import (
     EffectKind,
     EffectParameter,
+    ScanRange,
     Terms,
     Worked,
     fixed_list,
@@ -34,13 +35,20 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
                  {"height": setting.at_joints(-height / flat, on)})
 
 
+def _scan(data: ScanRange) -> list[float]:
+    """Return heights up to the size of the base, evenly."""
+    low = data.near / 2.0
+    return [low + (data.size - low) * i / 4.0 for i in range(1, 5)]
+
+
 ROPE_HEIGHT = register(EffectKind(
-    "rope_height", "du = sqrt(q^2 - height^2) - q", "Pythagoras; measurementToXYPlane of the "
-    "Maslow's firmware",
-    fixed_list(EffectParameter("height", "length", low=0.0, usual=(0.0, 0.5), size=1e-3,
+    "rope_height", "du = sqrt(q^2 - height^2) - q", "Pythagoras; measurementToXYPlane of a "
+    "belt router's firmware",
+    fixed_list(EffectParameter("height", "length", default=None, low=0.0, usual=(0.0, 0.5),
+                               size=1e-3, scan=_scan,
                                why="arms that are stacked on a router are some centimetres apart")),
     (), _terms, joints="ropes", exists_in=lambda motion: motion.planar,
-    uses_load=True, height="height", title="height of a rope's anchor above the plane",
+    height="height", title="height of a rope's anchor above the plane",
     remedy="measure the height of each anchor above the point that the rope holds",
     # a height is on the drawing; at 0, where a search begins, it does nothing at first order
     variants=lambda motion: (),
