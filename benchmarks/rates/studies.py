@@ -54,8 +54,7 @@ BEFOREHAND = tuple(f"calibration/interpretation/{name}.py" for name in (
 
 STUDIES = (
     Study("diagnosis", DIAGNOSIS,
-          {"docs/diagnosis.md": ("rates", "reliability", "rates-by-case"),
-           "README.md": ("rates",)},
+          {"docs/diagnosis.md": ("rates", "reliability", "rates-by-case")},
           but=AFTERWARDS),
     Study("next", DIAGNOSIS, {"docs/diagnosis.md": ("next",)},
           ("next_study.py", "--count", "20", "--minutes", "6"), but=AFTERWARDS),

@@ -29,6 +29,8 @@ LINES = ("ppmcal identify mine.yaml run1.csv --quiet",
          "ppmcal identify mine.yaml may/measurements.csv --out identified-may --quiet",
          "ppmcal compare identified identified-may --quiet",
          "ppmcal kinematics inverse mine.yaml poses.csv --quiet",
+         "ppmcal init 3-RPR --out stage.yaml --quiet",
+         "ppmcal simulate stage.yaml stage.scenario.yaml --out camera --quiet",
          "ppmcal import klipper printer.cfg --out printer --quiet",
          "ppmcal identify printer/machine.yaml printer/heights.csv printer/distances.csv "
          "--out fitted-printer --quiet",
@@ -80,7 +82,10 @@ def lay_desk(folder: Path) -> None:
         for line in LINES:
             run(line)
     shutil.copy(folder / "kinematics" / "kinematics.csv", folder / "joints.csv")
-    for day in ("may", "june"):
+    with (folder / "camera" / "measurements.csv").open(encoding="utf-8", newline="") as file:
+        seen = [f"{row['x']},{row['y']},{row['rz']}" for row in list(csv.DictReader(file))[:2]]
+    (folder / "goals.csv").write_text("\n".join(["x,y,rz", *seen, ""]), encoding="utf-8")
+    for day in ("may", "june", "camera"):
         shutil.copy(folder / day / "measurements.csv", folder / f"{day}.csv")
         shutil.copy(folder / day / "measurements.yaml", folder / f"{day}.yaml")
     shutil.copy(SAMPLES / "poses.csv", folder / "tasks.csv")
