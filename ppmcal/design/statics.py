@@ -9,6 +9,13 @@ f the force in each equation, positive where the limb pulls. What limbs gap wher
 way yet, c, is held among them without any load: by commands of a geometry that is not the
 machine's, or because ropes were pulled tight. A rope without tension has no row: its gap stays
 open.
+
+Ropes that are pulled tight turn with the platform, and so do their tensions t: it adds
+
+    G = sum over limbs of t d2L,    of a rope of length L along n: t (I - n n')/L and its arm's,
+
+to the stiffness, so that A' f + G x = w (Behzadipour and Khajepour 2006, Stiffness of cable-based
+parallel manipulators with application to stability analysis).
 """
 
 from __future__ import annotations
@@ -20,9 +27,9 @@ import numpy as np
 from ppmcal import linalg
 from ppmcal.design.error_jacobian import to_tool
 from ppmcal.design.spring_model import Spring, spring_columns
-from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.inverse import inverse
-from ppmcal.kinematics.least_squares_closure import EXACT, surplus, symmetric_system
+from ppmcal.kinematics.least_squares_closure import EXACT, curvature, surplus, symmetric_system
 from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.mechanism import Mechanism
 
@@ -34,6 +41,8 @@ AT_ONCE, ONE_BY_ONE = 30, 500
 """Rounds in which all ropes that are taken wrongly change, and then the first of them alone."""
 ROUND_OFF = 1e-12
 """Tensions and gaps below this part of the largest are none."""
+E0 = 4
+"""Place of e0 among the blades of a point, sphere or plane, which has none."""
 EVEN = 0.05
 """Tensions without a load whose mean is below this part of their size are no tension."""
 
@@ -50,8 +59,8 @@ class Balance:
     slack: Bools
 
 
-def balance(a: Array, give: Array, wrench: Array, gaps: Array, ropes: Bools, size: Array
-            ) -> Balance:
+def balance(a: Array, give: Array, wrench: Array, gaps: Array, ropes: Bools, size: Array,
+            geometric: Array | None = None) -> Balance:
     """Return the equilibrium of the head of this module.
 
     The slack ropes are those of a linear complementarity problem: all that are wrong change at
@@ -64,11 +73,14 @@ def balance(a: Array, give: Array, wrench: Array, gaps: Array, ropes: Bools, siz
         gaps: of the equations where nothing has given way (N, m), positive where limbs are short.
         ropes: which equations only pull (m,).
         size: of each coordinate (d,), which makes rotations lengths.
+        geometric: stiffness of the preload (N, d, d), at the platform's origin; None without one.
     """
     m, d = a.shape[-2:]
     system, total = symmetric_system(give, a / size, EXACT)
     system[:, m:, m:] = -FREE * np.eye(d)
     unit = total[..., 0]
+    if geometric is not None:
+        system[:, m:, m:] -= geometric * total / (size[:, None] * size)
     with np.errstate(invalid="ignore", divide="ignore"):
         right = np.concatenate([gaps / unit, wrench / size], axis=-1)
     taut = np.ones((len(a), m), dtype=np.bool_)
@@ -89,6 +101,8 @@ def balance(a: Array, give: Array, wrench: Array, gaps: Array, ropes: Bools, siz
     force, twist = out[:, :m], -out[:, m:] * unit / size
     load = wrench / size
     off = (np.swapaxes(a / size, -1, -2) @ force[..., None])[..., 0] - load
+    if geometric is not None:
+        off += (geometric @ twist[..., None])[..., 0] / size
     largest = np.maximum(np.linalg.norm(load, axis=1), np.abs(force).max(axis=1, initial=0.0))
     lost = ~(np.linalg.norm(off, axis=1) <= HELD * largest)
     lost[busy] = True
@@ -111,30 +125,35 @@ class LimbForces:
     ``idle`` (N, m): among themselves, without a load, None where the file's geometry is nominal and
     nothing is pulled tight; ``loaded`` (N, m) under a load, ``deflection`` (N, 6) of the tool by
     it, None without one; ``slack`` (N, m): ropes that have no tension then. nan where limbs do not
-    hold the platform.
+    hold the platform. ``geometric`` (N, d, d): stiffness that the tension of tight ropes adds at
+    the platform's origin, 0 where they cannot be tight; None without a tension.
     """
 
     idle: Array | None
     loaded: Array | None
     deflection: Array | None
     slack: Bools
+    geometric: Array | None = None
 
     @property
     def forces(self) -> Array | None:
         """Under the load, without one those held among themselves (N, m); None without either."""
         return self.idle if self.loaded is None else self.loaded
 
-    def at(self, rows: Ints, count: int) -> LimbForces:
-        """Return the same of ``count`` poses, these being ``rows`` of them; nan at the others."""
+    def at(self, rows: Ints, count: int, told: Bools) -> LimbForces:
+        """Return the forces of ``count`` poses, these being ``rows`` of them.
+
+        nan at the others, and where they are not ``told`` (N,).
+        """
         def spread(values: Array | None) -> Array | None:
             if values is None:
                 return None
             out = np.full((count, values.shape[1]), np.nan)
-            out[rows] = values
+            out[rows[told]] = values[told]
             return out
 
         slack = np.zeros((count, self.slack.shape[1]), dtype=np.bool_)
-        slack[rows] = self.slack
+        slack[rows[told]] = self.slack[told]
         return LimbForces(spread(self.idle), spread(self.loaded), spread(self.deflection), slack)
 
 
@@ -170,16 +189,39 @@ def limb_forces(mechanism: Mechanism, springs: tuple[Spring, ...], q: Array, pos
     if tension:
         pulled = even_tension(mechanism, a, ropes, tension)
         gaps = gaps + (give @ (np.swapaxes(give, -1, -2) @ pulled[..., None]))[..., 0]
-    begin = balance(a, give, still, gaps, ropes, size)
+    begin, geometric = balance(a, give, still, gaps, ropes, size), None
+    if tension:
+        geometric = geometric_stiffness(closure, pose, a, np.nan_to_num(begin.force))
+        begin = balance(a, give, still, gaps, ropes, size, geometric)
     idle = begin.force if np.any(gaps) else None
     if wrench is None:
-        return LimbForces(idle, None, None, begin.slack & (idle is not None))
+        return LimbForces(idle, None, None, begin.slack & (idle is not None), geometric)
     carry = to_tool(pose, tool)[:, dof][:, :, dof]
     load = (np.swapaxes(carry, -1, -2) @ wrench[dof])
-    under = balance(a, give, load, gaps, ropes, size)
+    under = balance(a, give, load, gaps, ropes, size, geometric)
     moved = np.where(np.isfinite(under.twist).all(axis=1), 0.0, np.nan)[:, None] * np.ones(6)
     moved[:, dof] = (carry @ (under.twist - begin.twist)[..., None])[..., 0]
-    return LimbForces(idle, under.force, moved, under.slack)
+    return LimbForces(idle, under.force, moved, under.slack, geometric)
+
+
+def geometric_stiffness(closure: Closure, pose: Array, a: Array, force: Array) -> Array:
+    """Return the stiffness that forces held in the limbs add (N, d, d), at the platform's origin.
+
+    The second derivative of the limbs' true lengths by the pose, which of spheres is that of c
+    without its part along the rope (Behzadipour and Khajepour 2006). Symmetric where the forces
+    balance each other; of ropes over pulleys at the tangent where they leave.
+
+    Args:
+        closure: of N rows.
+        pose: closed motors (N, 8).
+        a: pose matrix (N, m, d).
+        force: in the equations (N, m), positive where they pull, N.
+    """
+    here = closure.at(pose)
+    # c of a point on a sphere goes with the squared distance, of a plane with the distance itself
+    squares = here.fixed[..., E0] * here.carried(pose)[..., E0]
+    along = -force * here.scale * squares
+    return curvature(closure, pose, force) - np.swapaxes(a, -1, -2) @ (along[..., None] * a)
 
 
 def only_pull(mechanism: Mechanism) -> Bools:

@@ -6,10 +6,10 @@ column ([LIN] section 3.2, eq. 18 to 21), so that
 
     C = J_g diag(1/k) J_g^T,   K = C^-1
 
-are compliance and stiffness at the tool point, base axes, at poses where the platform is held
-by rigid parts and these springs alone. Preload (geometric stiffness), weight of the parts and
-the effects of the file are left out. What surplus limbs hold, and which ropes do not, is
-:mod:`statics`.
+are compliance and stiffness at the tool point, base axes, at poses where the platform is held by
+rigid parts and these springs alone. Where ropes are pulled tight, what their tension adds is in K
+(geometric stiffness). Weight of the parts and the effects of the file are left out. What surplus
+limbs hold, and which ropes do not, is :mod:`statics`.
 
 Translational stiffness is (C_tt)^-1, the force per displacement of a tool that is free to turn,
 not the translational block of K, which is that of a tool kept from turning; rotational
@@ -64,12 +64,16 @@ class Compliance:
         mechanism: the machine, without effects.
         springs: what gives way, (S,).
         factor: (N, d, S), C = factor factor^T: motion of the tool, base axes, for each spring's
-            load of one root of its compliance; nan at singular poses.
+            load of one root of its compliance; nan at singular poses. With a preload the load is
+            shared with it, and no longer one spring's.
+        strain: (N, d, S), what stretches each spring per unit of wrench; ``factor`` where no
+            preload shares the load.
     """
 
     mechanism: Mechanism
     springs: tuple[Spring, ...]
     factor: Array
+    strain: Array | None = None
 
     @property
     def matrix(self) -> Array:
@@ -132,14 +136,14 @@ class Compliance:
         Twice the energy in each spring, over the sum; nan where nothing gives way.
         """
         load = wrench[list(self.mechanism.dof)]
-        energy = (load @ self.factor) ** 2
+        energy = (load @ (self.factor if self.strain is None else self.strain)) ** 2
         total = energy.sum(axis=1, keepdims=True)
         rigid = RIGID * self._whole[1][:, :1] * np.linalg.norm(load / self._weights)
         return np.asarray(energy / np.where(total > rigid**2, total, np.nan), dtype=float)
 
 
-def compliance(mechanism: Mechanism, q: Array, pose: Array, tool: Array | None = None
-               ) -> Compliance:
+def compliance(mechanism: Mechanism, q: Array, pose: Array, tool: Array | None = None,
+               geometric: Array | None = None) -> Compliance:
     """Return the compliance of the tool point at closed poses.
 
     Args:
@@ -147,19 +151,25 @@ def compliance(mechanism: Mechanism, q: Array, pose: Array, tool: Array | None =
         q: joint values (N, k).
         pose: platform motors (N, 8).
         tool: tool point in platform axes (3,), m; default the platform's origin.
+        geometric: stiffness that a preload adds (N, d, d), at the platform's origin; None without.
 
     Raises:
         BadInput: no part of the machine has a stiffness.
     """
     springs = springs_of(mechanism)
-    parts = [np.zeros((0, len(mechanism.dof), len(springs))),
-             *(part for _, part, _ in _factors(mechanism, springs, q, pose, tool))]
-    return Compliance(replace(mechanism, effects=()), springs, np.concatenate(parts))
+    none = np.zeros((0, len(mechanism.dof), len(springs)))
+    factors, strains = ([none], [none])
+    for _, factor, strain, _ in _factors(mechanism, springs, q, pose, tool, geometric):
+        factors.append(factor)
+        strains.append(strain)
+    return Compliance(replace(mechanism, effects=()), springs, np.concatenate(factors),
+                      None if geometric is None else np.concatenate(strains))
 
 
 def _factors(mechanism: Mechanism, springs: Sequence[Spring], q: Array, pose: Array,
-             tool: Array | None) -> Iterator[tuple[slice, Array, Array]]:
-    """Yield rows, factor (n, d, S) and det A (n,), some poses at a time."""
+             tool: Array | None, geometric: Array | None
+             ) -> Iterator[tuple[slice, Array, Array, Array]]:
+    """Yield rows, factor and strain (n, d, S) and det A (n,), some poses at a time."""
     model = Model(replace(mechanism, effects=()))
     root = np.sqrt([s.compliance for s in springs])
     dof, at = list(mechanism.dof), np.zeros(3) if tool is None else tool
@@ -172,7 +182,27 @@ def _factors(mechanism: Mechanism, springs: Sequence[Spring], q: Array, pose: Ar
         moves = spring_columns(closure, pose[rows], lines, springs) * root
         moves = closed_by(closure, pose[rows], a, moves, lines, moves)
         carry = to_tool(pose[rows], at)[:, dof][:, :, dof]
-        yield rows, carry @ moves, linalg.determinant(a)
+        factor = strain = moves
+        if geometric is not None:
+            factor, strain = _preloaded(moves, geometric[rows])
+        yield rows, carry @ factor, carry @ strain, linalg.determinant(a)
+
+
+def _preloaded(moves: Array, geometric: Array) -> tuple[Array, Array]:
+    """Return factor and strain (n, d, S) of springs that a preload helps, or hinders.
+
+    (C^-1 + G)^-1 = M P^-1 M' with C = M M' and P = I + M' G M, also where C has directions that are
+    rigid. nan where P is not positive: the platform leaves such a pose by itself.
+    """
+    p = np.eye(moves.shape[-1]) + np.swapaxes(moves, -1, -2) @ geometric @ moves
+    good = finite_rows(p.reshape(len(p), -1))
+    vectors, roots, _ = linalg.svd(np.where(good[:, None, None], p, np.eye(p.shape[-1])))
+    # the singular values of a symmetric matrix are its eigenvalues but for their signs
+    signs = np.einsum("nij,nik,nkj->nj", vectors, p, vectors)
+    stable = good & np.all(signs > 0.0, axis=1)
+    turned = np.where(stable[:, None, None], moves @ vectors, np.nan)
+    back = np.swapaxes(vectors, -1, -2)
+    return (turned / np.sqrt(roots)[:, None, :]) @ back, (turned / roots[:, None, :]) @ back
 
 
 def _roots(factor: Array) -> tuple[Array, Array]:
@@ -244,22 +274,22 @@ def stiffness_table(mechanism: Mechanism, coordinates: Array, tool: Array | None
            "det": np.full(n, np.nan)}
     ok = np.array([s == "ok" for s in table.status], dtype=np.bool_)
     found = np.flatnonzero(finite_rows(table.q) & finite_rows(table.pose))
-    for rows, factor, determinant in _factors(bare, springs, table.q[found],
-                                              pose_motor(table.pose[found]), tool):
+    held = limb_forces(bare, springs, table.q[found], pose_motor(table.pose[found]),
+                       np.zeros(3) if tool is None else tool, wrench, tension)
+    for rows, factor, strain, determinant in _factors(
+            bare, springs, table.q[found], pose_motor(table.pose[found]), tool,
+            None if held is None else held.geometric):
         here = found[rows]
         out["det"][here] = determinant
         good, here = ok[here], here[ok[here]]
-        some = Compliance(bare, springs, factor[good])
+        some = Compliance(bare, springs, factor[good], strain[good])
         for key, principal in (("t", some.translational()), ("r", some.rotational())):
             if principal.values.shape[1]:
                 out[key][here] = principal.values[:, [0, -1]]
         if wrench is not None:
             out["w"][here] = some.deflection(wrench)
-    here = found[ok[found]]
-    held = limb_forces(bare, springs, table.q[here], pose_motor(table.pose[here]),
-                       np.zeros(3) if tool is None else tool, wrench, tension)
     if held is not None:
-        held = held.at(here, n)
+        held = held.at(found, n, ok[found])
     if held is not None and held.deflection is not None and only_pull(bare).any():
         out["w"] = held.deflection
     return Stiffnesses(table, out["t"], out["r"], None if wrench is None else out["w"],
@@ -270,7 +300,8 @@ def stiffness_table(mechanism: Mechanism, coordinates: Array, tool: Array | None
 class Home:
     """Home (N = 1): its full pose (6,), status and reason of inverse kinematics, compliance.
 
-    ``held``: what surplus limbs hold there, None of machines without.
+    ``held``: what surplus limbs hold there, None of machines without; ``untensioned``: compliance
+    without the tension that was asked for, None where none was.
     """
 
     pose: Array
@@ -278,6 +309,7 @@ class Home:
     reason: str
     compliance: Compliance
     held: LimbForces | None = None
+    untensioned: Compliance | None = None
 
     def deflection(self, wrench: Array) -> Array:
         """Return how far a load (6,) moves the tool (6,), nan where ropes do not hold it."""
@@ -299,7 +331,7 @@ def stiffness_at_home(mechanism: Mechanism, tool: Array | None = None,
         NoResult: home is singular, or off the surface of a machine with few actuators.
     """
     bare = replace(mechanism, effects=())
-    springs_of(bare)
+    springs = springs_of(bare)
     place = f"{mechanism.source}: home"
     refuse_singular_home(bare)
     axes = named(bare)
@@ -308,7 +340,9 @@ def stiffness_at_home(mechanism: Mechanism, tool: Array | None = None,
     if not finite_rows(table.q)[0] or not finite_rows(table.pose)[0]:
         raise NoResult(f"the home pose cannot be reached: {table.reason[0]}", place,
                        "Check `home`")
-    found = compliance(bare, table.q, pose_motor(table.pose), tool)
-    held = limb_forces(bare, found.springs, table.q, pose_motor(table.pose),
+    held = limb_forces(bare, springs, table.q, pose_motor(table.pose),
                        np.zeros(3) if tool is None else tool, wrench, tension)
-    return Home(table.pose[0], table.status[0], table.reason[0], found, held)
+    found = compliance(bare, table.q, pose_motor(table.pose), tool,
+                       None if held is None else held.geometric)
+    without = compliance(bare, table.q, pose_motor(table.pose), tool) if tension else None
+    return Home(table.pose[0], table.status[0], table.reason[0], found, held, without)

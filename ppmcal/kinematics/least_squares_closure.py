@@ -139,7 +139,7 @@ def newton_step(closure: Closure, pose: Array, c: Array, a: Array, lines: Array)
     forces = solve_rows(system[:, :m, :m], c)
     right = np.pad(c, ((0, 0), (0, a.shape[2])))
     step = -solve_rows(system, right)[:, m:]
-    system[:, m:, m:] -= _curvature(closure, pose, forces)
+    system[:, m:, m:] -= curvature(closure, pose, forces)
     bent = -solve_rows(system, right)[:, m:]
     # far off the curvature may lead uphill: then the step without it
     gradient = (np.swapaxes(a, -1, -2) @ forces[..., None])[..., 0]
@@ -153,7 +153,7 @@ def newton_step(closure: Closure, pose: Array, c: Array, a: Array, lines: Array)
     return np.where((down & near)[:, None], bent, step)
 
 
-def _curvature(closure: Closure, pose: Array, forces: Array) -> Array:
+def curvature(closure: Closure, pose: Array, forces: Array) -> Array:
     """Return what forces (N, m) make of the second derivative of c by the pose (N, d, d).
 
     c = s F . X, and a twist moves X by B x X: by twists a and b twice -s (a x F) . (b x X), about

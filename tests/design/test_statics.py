@@ -6,17 +6,19 @@ import numpy as np
 import pytest
 import yaml
 from helpers.commands import ppmcal, rows, write_csv
+from helpers.paths import ROOT
 from helpers.redundant import belts, cables, machine, rope_cage, stewart
 from scipy.optimize import minimize
 
 from ppmcal import algebra as cga
 from ppmcal.design.spring_model import springs_of
 from ppmcal.design.statics import balance, even_tension, limb_forces, only_pull
-from ppmcal.design.stiffness import compliance
+from ppmcal.design.stiffness import _preloaded, compliance
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import moved
 from ppmcal.kinematics.inverse import inverse
 
+CONFIGS = ROOT / "configs"
 LOADS = {"cables": [30.0, -80.0, 0, 0, 0, 4.0], "belts": [-20.0, -60.0, 0, 0, 0, 0],
          "cage": [20.0, 10.0, -90.0, 1.0, -2.0, 1.5],
          "stewart": [40.0, -30.0, -200.0, 3.0, -5.0, 4.0]}
@@ -210,6 +212,8 @@ def test_the_command_tells_forces_and_slack_ropes(tmp_path):
     assert "What limbs hold at home, N" in out
     idle = tight["home"]["forces_without_load"]
     assert sum(idle.values()) / 4 == pytest.approx(200.0, rel=1e-6)
+    assert "counts the ropes' mean tension of 200 N: at home" in out.replace("\n", " ")
+    assert "preload" not in out
     move = [one["home"]["deflection"]["y"] for one in (slack, tight)]
     assert move[0] < 1.5 * move[1] < 0.0
     _, still, _ = run(tmp_path, path)
@@ -248,3 +252,61 @@ def test_a_tension_that_cannot_be_is_refused(tree, value, says, tmp_path):
     run_ = ppmcal("stiffness", written_with(tmp_path, stiff(tree())), "--tension", value,
                   cwd=tmp_path, expect=2)
     assert "--tension" in run_.err and says in run_.err
+
+
+def soft(tree):
+    """Return a file whose ropes are so soft, some N/mm, that their tension counts beside them."""
+    factor = 1e3 if tree["units"]["length"] == "m" else 1.0
+    return {**tree, "limbs": [{**limb, "stiffness": {"bar": factor * (4.0 + 0.7 * i)}}
+                              for i, limb in enumerate(tree["limbs"])]}
+
+
+def pull_of_ropes(mechanism, closure, pose):
+    """Return forces and moments (N, d) of ropes that are springs as long as their joints say.
+
+    Nothing is linear here: lengths are distances, over pulleys tangents and arcs, lines those of
+    the pose.
+    """
+    stiffness = np.array([s["bar"] for s in mechanism.stiffness])
+    longer, radius = closure.lengths(pose), closure.at(pose).radius
+    # c of a distance goes with its square, so that its lines are as long as the rope over its joint
+    lines = closure.pose_matrix(pose) * (radius / (radius + longer) + (radius == 0.0))[..., None]
+    return np.einsum("nm,nmd->nd", stiffness * longer, lines)
+
+
+@pytest.mark.parametrize(("tree", "limit"), [
+    (cables, 1e-7), (belts, 1e-7), (rope_cage, 1e-7), ("cable-4-planar", 1e-7),
+    ("cable-4-pulleys", 1e-7), ("cable-8", 1e-7),
+    # a swivel turns about its own axis, and is taken to turn as the rope does
+    ("cable-8-pulleys", 5e-3)], ids=str)
+def test_stiffness_of_tight_ropes_is_how_their_pull_changes_with_the_pose(tree, limit, tmp_path):
+    """Differences of the equilibrium: ropes cut as short as told, and the platform moved."""
+    tree = tree() if callable(tree) else yaml.safe_load((CONFIGS / f"{tree}.yaml").read_text())
+    mechanism = machine(tmp_path, soft(tree))
+    model, pose, dof = Model(mechanism), near_home(mechanism, 1), list(mechanism.dof)
+    q, count = inverse(model, pose).q, 2 * len(dof)
+    held = limb_forces(mechanism, springs_of(mechanism), q, pose, np.zeros(3), None, 60.0)
+    stretch = held.idle / [s["bar"] for s in mechanism.stiffness]
+    cut = model.closure(np.tile(q - stretch / mechanism.joint_ratios, (count, 1)))
+    size, steps = 1e-5, np.zeros((2, len(dof), 6))
+    steps[:, range(len(dof)), dof] = [[size], [-size]]
+    there = moved(np.tile(pose, (count, 1)), steps.reshape(-1, 6))
+    ahead, behind = pull_of_ropes(mechanism, cut, there).reshape(2, len(dof), -1)
+    found = compliance(mechanism, q, pose, geometric=held.geometric).stiffness[0]
+    bare = compliance(mechanism, q, pose).stiffness[0]
+    unit = np.sqrt(np.diagonal(bare))
+    by_tension = np.abs((found - bare) / (unit[:, None] * unit)).max()
+    apart = np.abs((found - (ahead - behind) / (2.0 * size)) / (unit[:, None] * unit)).max()
+    assert by_tension > 0.01
+    assert apart < limit * by_tension
+
+
+def test_tension_that_pushes_a_pose_over_has_no_stiffness(tmp_path):
+    """Compliance with what a tension adds, helps and takes away, by hand."""
+    springs = np.array([[[1.0, 0.0], [0.0, 0.1]]])
+    factor, strain = _preloaded(np.repeat(springs, 3, axis=0), np.array(
+        [np.zeros((2, 2)), [[1.0, 0.0], [0.0, 50.0]], [[0.0, 0.0], [0.0, -101.0]]]))
+    np.testing.assert_allclose(factor[0], springs[0])
+    np.testing.assert_allclose(factor[1] @ factor[1].T, np.diag([0.5, 1.0 / 150.0]))
+    np.testing.assert_allclose(strain[1], np.diag([0.5, 0.1 / 1.5]))
+    assert np.isnan(factor[2]).all()

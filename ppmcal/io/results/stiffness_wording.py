@@ -25,8 +25,9 @@ ALIKE = 1.001
 def sentences(study: StiffnessStudy) -> list[str]:
     """Return the result in words, the most important first."""
     return [*_at_home(study.mechanism, study.home, study.tool, study.load),
-            *_held_at_home(study), *_over_poses(study.mechanism, study.found, study.home),
-            *study.notes, *_assumptions(study.mechanism)]
+            *_held_at_home(study), *_tension_at_home(study),
+            *_over_poses(study.mechanism, study.found, study.home),
+            *study.notes, *_assumptions(study.mechanism, study.tension)]
 
 
 def findings(study: StiffnessStudy) -> list[Note]:
@@ -54,6 +55,8 @@ def _at_home(mechanism: Mechanism, home: Home, tool: Array, load: AppliedLoad | 
         place = tool[[c for c in mechanism.dof if c < 3]] / mechanism.units.factor("length")
         point = f"the tool point {_tuple(place)} {mechanism.units.length} in platform axes"
     found = home.compliance
+    if not np.isfinite(found.factor).all():
+        return [f"At home the tension leaves {point} no stiffness: the pose is not stable."]
     out = [f"At home, at {point}: translational stiffness "
            f"{_span(mechanism, found.translational(), 'N/length', 'direction')}."]
     turning = found.rotational()
@@ -142,7 +145,7 @@ def _place(mechanism: Mechanism, found: Stiffnesses, row: int) -> str:
     return ", ".join(parts)
 
 
-def _assumptions(mechanism: Mechanism) -> list[str]:
+def _assumptions(mechanism: Mechanism, tension: float) -> list[str]:
     """Return what these numbers are, and what they leave out."""
     out = ["Translational stiffness is (C_tt)^-1, force per displacement of a tool that is free "
            "to turn; it is not the translational block of the stiffness matrix."]
@@ -157,7 +160,7 @@ def _assumptions(mechanism: Mechanism) -> list[str]:
     if mechanism.surplus and only_pull(mechanism).any():
         out.append("Stiffness is that of tight ropes. Under a load a rope without tension holds "
                    "nothing; --tension says how tight they are without it.")
-    left = "preload, the parts' own weight"
+    left = "the parts' own weight" if tension else "preload, the parts' own weight"
     kinds = dict.fromkeys(effect.kind.name for effect in mechanism.effects)
     if kinds:
         left += f", the file's effects ({', '.join(kinds)})"
@@ -176,6 +179,9 @@ def _home_findings(mechanism: Mechanism, home: Home, load: AppliedLoad | None) -
             out.append(Note(
                 f"at home {load.words} moves the tool by more than {LINEAR:.0%} of the "
                 f"reach, or turns it by more than {LINEAR} rad: too far for a linear model"))
+    if not np.isfinite(home.compliance.factor).all():
+        out.append(Note("home is not stable under this tension: ropes pull the platform away from "
+                        "it. Take less tension, or stiffer ropes"))
     if home.status != "ok":
         out.append(Note(f"home is not a pose to work at: {home.status}: {home.reason}"))
     value = home_singular_value(home.compliance.mechanism)[0]
@@ -194,6 +200,22 @@ def _held_at_home(study: StiffnessStudy) -> list[str]:
     return [f"Without any load limbs hold up to {size.max():.3g} N against each other at home "
             f"({study.conditions[int(size.argmax())]}): the controller commands the nominal "
             "geometry, and this machine has another."]
+
+
+def _tension_at_home(study: StiffnessStudy) -> list[str]:
+    """Return that stiffness has that of the tension in it, and how much that is at home."""
+    held = study.home.held
+    if held is None or held.geometric is None:
+        return []
+    said = f"Stiffness counts the ropes' mean tension of {study.tension:g} N"
+    without = study.home.untensioned
+    if not held.geometric[0].any() or without is None:
+        return [f"{said}, where they can be as tight; at home they cannot."]
+    with_it = study.home.compliance.translational().values[0, 0]
+    before = without.translational().values[0, 0]
+    return [f"{said}: at home the softest direction has "
+            f"{_amount(study.mechanism, float(with_it), 'N/length')} with it, "
+            f"{_amount(study.mechanism, float(before), 'N/length')} without."]
 
 
 def _slack_findings(study: StiffnessStudy) -> list[Note]:
