@@ -291,7 +291,8 @@ def stiffness_table(mechanism: Mechanism, coordinates: Array, tool: Array | None
     if held is not None:
         held = held.at(found, n, ok[found])
     if held is not None and held.deflection is not None and only_pull(bare).any():
-        out["w"] = held.deflection
+        # a pose that the tension pushes over has no equilibrium to go to
+        out["w"] = np.where(np.isnan(out["t"][:, :1]), np.nan, held.deflection)
     return Stiffnesses(table, out["t"], out["r"], None if wrench is None else out["w"],
                        out["det"], held)
 
@@ -316,7 +317,8 @@ class Home:
         held = self.held
         if held is not None and held.deflection is not None and only_pull(
                 self.compliance.mechanism).any():
-            return np.asarray(held.deflection[0])
+            stable = np.isfinite(self.compliance.factor).all()
+            return np.asarray(held.deflection[0] if stable else np.full(6, np.nan))
         return np.asarray(self.compliance.deflection(wrench)[0])
 
 

@@ -310,3 +310,19 @@ def test_tension_that_pushes_a_pose_over_has_no_stiffness(tmp_path):
     np.testing.assert_allclose(factor[1] @ factor[1].T, np.diag([0.5, 1.0 / 150.0]))
     np.testing.assert_allclose(strain[1], np.diag([0.5, 0.1 / 1.5]))
     assert np.isnan(factor[2]).all()
+
+
+def test_the_command_tells_a_home_that_the_tension_pushes_over(tmp_path):
+    """Hooks on the far sides: each rope runs across the platform and pulls it round."""
+    tree = soft(yaml.safe_load((CONFIGS / "cable-4-planar.yaml").read_text()))
+    for limb in tree["limbs"]:
+        limb["platform"]["point"] = [-3.0 * v for v in limb["platform"]["point"]]
+    path = written_with(tmp_path, tree)
+    said = ppmcal("stiffness", path, "--tension", "9e5", "--load", "fy=-10", "--out", "out",
+                  cwd=tmp_path, expect=1)
+    out = " ".join((said.out + said.err).split())
+    assert "no stiffness: the pose is not stable" in out and "home is not stable under" in out
+    record = json.loads((tmp_path / "out" / "stiffness.json").read_text())
+    assert record["home"]["deflection"] == {"x": None, "y": None, "rz": None}
+    assert record["home"]["stiffness"]["matrix"] is None
+    ppmcal("stiffness", path, "--tension", "1", "--out", "out", "--force", cwd=tmp_path)

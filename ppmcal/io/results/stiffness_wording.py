@@ -119,8 +119,9 @@ def _over_poses(mechanism: Mechanism, found: Stiffnesses, home: Home) -> list[st
     at_home = float(home.compliance.translational().values[0, 0])
     at = [f"{_amount(mechanism, float(soft[n]), 'N/length')} at {_place(mechanism, found, n)}"
           for n in (low, high)]
-    out.append(f"The softest direction's translational stiffness goes from {at[0]} to {at[1]}; "
-               f"at home it is {_amount(mechanism, at_home, 'N/length')}.")
+    home_too = f"; at home it is {_amount(mechanism, at_home, 'N/length')}"
+    out.append(f"The softest direction's translational stiffness goes from {at[0]} to {at[1]}"
+               f"{home_too * (not np.isnan(at_home))}.")
     if found.deflection is not None:
         size = np.linalg.norm(found.deflection[:, :3], axis=1)
         if np.isfinite(size).any():
@@ -211,6 +212,8 @@ def _tension_at_home(study: StiffnessStudy) -> list[str]:
     without = study.home.untensioned
     if not held.geometric[0].any() or without is None:
         return [f"{said}, where they can be as tight; at home they cannot."]
+    if not np.isfinite(study.home.compliance.factor).all():
+        return [f"{said}."]
     with_it = study.home.compliance.translational().values[0, 0]
     before = without.translational().values[0, 0]
     return [f"{said}: at home the softest direction has "
