@@ -121,6 +121,7 @@ def test_a_caliper_read_wrongly_is_left_out_and_is_no_noise(name: str, row: int,
     assert np.allclose(factor, clean, rtol=0.15)
 
 
+@pytest.mark.slow
 def test_calipers_that_contradict_good_touches_are_told(tmp_path: Path) -> None:
     """The noise of both, estimated together, would hide it: the bed is missed by twice as much."""
     path = DATA / "hard" / "calipers-against-touches" / "printer.cfg"

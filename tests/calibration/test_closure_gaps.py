@@ -31,6 +31,7 @@ def fitted(folder, tree, sigma=0.0, seed=7, **more):
     return made, ppmcal.identify(path, made.data[0], holdout=0.0)
 
 
+@pytest.mark.slow
 def test_intervals_cover_where_gaps_are_all_the_noise(tmp_path):
     """Forty machines: chi-squared of the errors in the frames defined, by the covariance told."""
     tree = {**gapped(belts(), (0.5, 0.2, 0.3, 0.1)), "tolerances": {"point": 4}}

@@ -227,6 +227,7 @@ def test_a_hexapod_with_positions_and_tilts():
 
 # --- intervals ------------------------------------------------------------------------------------
 
+@pytest.mark.slow
 def test_intervals_of_self_calibrations_cover():
     """95 % intervals of nine parameters hold some 95 % of the truths, drawn where nothing is held.
     """

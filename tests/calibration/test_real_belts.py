@@ -28,6 +28,7 @@ def identified(folder, run):
     return ppmcal.identify(path, ppmcal.read_data(path, table, sidecar=SIDE, name=run))
 
 
+@pytest.mark.slow
 def test_anchors_repeat_from_run_to_run(tmp_path):
     """By plain least squares the owner's ten runs repeat to 0.4 to 1.8 mm (one sigma)."""
     found = [identified(tmp_path, f"ten-runs-{n:02d}").identification.mechanism for n in (1, 4, 9)]
