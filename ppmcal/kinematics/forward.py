@@ -31,6 +31,9 @@ SMALLEST_STEP = 1.0 / 512.0
 NEWTON_STEPS = 25
 STEP = 1e-11
 """Converged: the last step, translations in parts of the length scale, is below this."""
+ON_THE_WAY = 1e-6
+"""The same on the way to a row of a machine with surplus limbs. There limbs contradict each other by
+as much as joints that move in proportion make them, and steps shrink by a constant factor only."""
 CLOSED = 1e-12
 """Closed: every misclosure below this part of the reach."""
 STANDS_OUT, STANDS_OUT_ANEW = 3.3e-2, 1e-4
@@ -104,14 +107,15 @@ def forward(model: Model, q: Array, start: Array | None = None, start_q: Array |
     return Forward(result, progress >= 1.0, progress)
 
 
-def least_of_minima(model: Model, q: Array, pose: Array, rare: float = STANDS_OUT_ANEW
-                    ) -> Array:
+def least_of_minima(model: Model, q: Array, pose: Array, rare: float = STANDS_OUT_ANEW,
+                    start: Array | None = None, start_q: Array | None = None) -> Array:
     """Return poses (N, 8) of which far-off rows are where their limbs contradict each other least.
 
     Least squares have minima besides, in which limbs that agree elsewhere are kept apart. As many
     limbs as close the machine exactly lead from home to the right one, unless they meet a
     singularity on the way: several sets of them are tried, for rows that stand out: those whose
-    gaps noise makes as rarely as ``rare``.
+    gaps noise makes as rarely as ``rare``, and those without a pose. ``start`` (N, 8) and
+    ``start_q`` (N, k) are where the way begins, default home.
     """
     of = len(q)
     least = _gap_square(model, q, pose, of)
@@ -124,7 +128,9 @@ def least_of_minima(model: Model, q: Array, pose: Array, rare: float = STANDS_OU
     pose = pose.copy()
     rows = np.flatnonzero(far)
     for part, driven in (with_limbs(model, some) for some in _exact_sets(model.mechanism)):
-        led = forward(part.take(rows), q[rows][:, driven], of=of).pose
+        led = forward(part.take(rows), q[rows][:, driven], of=of,
+                      start=None if start is None else start[rows],
+                      start_q=None if start_q is None else start_q[rows][:, driven]).pose
         whole = model.take(rows)
         found, converged, _ = newton(whole.closure(q[rows]), led, of=of)
         value = np.where(converged, _gap_square(whole, q[rows], found, of), np.inf)
@@ -192,18 +198,19 @@ def _part_of(mechanism: Mechanism, some: tuple[int, ...]) -> tuple[Mechanism, li
     return part, driven
 
 
-def _attempt(model: Model, q: Array, pose: Array, of: int) -> tuple[Array, Bools]:
+def _attempt(model: Model, q: Array, pose: Array, of: int, smallest: float = STEP
+             ) -> tuple[Array, Bools]:
     """Newton at ``q`` from ``pose``; good rows converged, contracting, on the same side."""
     closure = model.closure(q)
     tables = compiled_limbs(closure, max(of, len(pose)))
     if tables is not None:
-        return _compiled_attempt(tables, pose)
+        return _compiled_attempt(tables, pose, smallest)
     with np.errstate(invalid="ignore"):  # nan where an offset universal joint cannot stand
         c, lines = closure.misclosure_and_lines(pose)
         matrix = closure.pose_matrix(pose, lines)
         side = np.sign(linalg.determinant(matrix))
     solved, converged, contraction = newton(closure, pose, most=CONTRACTION,
-                                            begin=(c, lines, matrix))
+                                            begin=(c, lines, matrix), smallest=smallest)
     same = np.zeros(q.shape[0], dtype=bool)
     if converged.any():
         same[converged] = side[converged] == np.sign(linalg.determinant(
@@ -211,8 +218,10 @@ def _attempt(model: Model, q: Array, pose: Array, of: int) -> tuple[Array, Bools
     return solved, converged & same & (contraction <= CONTRACTION)
 
 
-def _compiled_attempt(tables: CompiledLimbs, pose: Array) -> tuple[Array, Bools]:
-    solved, converged, sizes, signs = tables.newton(pose, NEWTON_STEPS, STEP, CLOSED, CONTRACTION)
+def _compiled_attempt(tables: CompiledLimbs, pose: Array, smallest: float
+                      ) -> tuple[Array, Bools]:
+    solved, converged, sizes, signs = tables.newton(pose, NEWTON_STEPS, smallest, CLOSED,
+                                                    CONTRACTION)
     same = signs[:, 0] == signs[:, 1]
     return solved, converged & same & (_contraction(sizes) <= CONTRACTION)
 
@@ -220,6 +229,8 @@ def _compiled_attempt(tables: CompiledLimbs, pose: Array) -> tuple[Array, Bools]
 def _lead(model: Model, origin: Array, q: Array, pose: Array, of: int) -> tuple[Array, Array]:
     """Lead the joints from ``origin`` to ``q`` in steps that Newton follows safely."""
     n = q.shape[0]
+    surplus = model.mechanism.surplus > 0
+    smallest = ON_THE_WAY if surplus else STEP
     at, step = np.zeros(n), np.full(n, 0.5)
     pose = pose.copy()
     active = np.ones(n, dtype=bool)
@@ -232,11 +243,15 @@ def _lead(model: Model, origin: Array, q: Array, pose: Array, of: int) -> tuple[
         rows = np.flatnonzero(active)
         to = np.minimum(at[rows] + step[rows], 1.0)
         goal = first[rows] + to[:, None] * way[rows]
-        solved, good = (_compiled_attempt(replace(whole[0], u=goal), pose[rows]) if whole else
-                        _attempt(model.take(rows), goal, pose[rows], of))
+        solved, good = (_compiled_attempt(replace(whole[0], u=goal), pose[rows], smallest)
+                        if whole else _attempt(model.take(rows), goal, pose[rows], of, smallest))
         pose[rows[good]], at[rows[good]] = solved[good], to[good]
         step[rows] = np.where(good, step[rows] * 1.5, step[rows] / 2.0)
         active[rows] = (at[rows] < 1.0) & (step[rows] >= SMALLEST_STEP)
+    there = np.flatnonzero(at >= 1.0)
+    if surplus and there.size:
+        pose[there], converged, _ = newton(model.take(there).closure(q[there]), pose[there], of=of)
+        at[there[~converged]] = np.nextafter(1.0, 0.0)
     pose[at < 1.0] = np.nan
     return pose, at
 
@@ -246,13 +261,13 @@ def _each(values: Array, count: int) -> Array:
 
 
 def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS, most: float = np.inf,
-           begin: tuple[Array, Array, Array] | None = None, of: int = 0
-           ) -> tuple[Array, Bools, Array]:
+           begin: tuple[Array, Array, Array] | None = None, of: int = 0,
+           smallest: float = STEP) -> tuple[Array, Bools, Array]:
     """Solve the closure for the motors, batched.
 
     Rows that contract by less than ``most`` in their second step are given up then. ``begin``:
     misclosure, lines and pose matrix at ``pose``, where they are known. ``of``: as in
-    :func:`forward`.
+    :func:`forward`. ``smallest``: converged is what moves by less.
 
     Returns:
         motors (N, 8), converged (N,), and the ratio of the second step's length to the
@@ -262,7 +277,7 @@ def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS, most: 
     scale, reach = mechanism.length_scale, mechanism.reach
     tables = compiled_limbs(closure, max(of, len(pose)))
     if tables is not None:
-        pose, converged, two, _ = tables.newton(pose, iterations, STEP, CLOSED, most)
+        pose, converged, two, _ = tables.newton(pose, iterations, smallest, CLOSED, most)
         return pose, converged, _contraction(two)
     pose, slow = np.array(pose), np.zeros(pose.shape[0], dtype=bool)
     sizes: list[Array] = []
@@ -285,7 +300,7 @@ def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS, most: 
             pose = moved(pose, step)
             # what surplus equations leave is least there, not 0
             closed = (np.max(np.abs(c), axis=1) < CLOSED * reach) | (mechanism.surplus > 0)
-            converged = finite & (size < STEP) & closed
+            converged = finite & (size < smallest) & closed
             if (converged | ~finite).all():
                 break
     second = sizes[1] if len(sizes) > 1 else np.zeros_like(sizes[0])

@@ -16,7 +16,12 @@ from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import beyond
 from ppmcal.kinematics.equilibrium import reached_poses
-from ppmcal.kinematics.forward import Forward, forward, smallest_singular_value
+from ppmcal.kinematics.forward import (
+    Forward,
+    forward,
+    least_of_minima,
+    smallest_singular_value,
+)
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import (
     LACKING,
@@ -262,11 +267,18 @@ def _mark_jumps(model: Model, q: Array, pose: Array, status: list[str], reason: 
     if not rows.size:
         return
     onward = forward(model, q[rows], start=pose[rows - 1], start_q=q[rows - 1])
-    for n in rows[~onward.converged]:
+    led, known = onward.pose, onward.converged
+    if model.mechanism.surplus and not known.all():
+        # joints that move in proportion make surplus limbs contradict each other on the way
+        lost = rows[~known]
+        led[~known] = least_of_minima(model, q[lost], led[~known], start=pose[lost - 1],
+                                      start_q=q[lost - 1])
+        known = finite_rows(led)
+    for n in rows[~known]:
         status[n], reason[n] = "crossed", "the way from the row before meets a singularity"
-    there = rows[onward.converged]
+    there = rows[known]
     if there.size:
-        away = cga.motor_log(cga.compose(cga.reverse(pose[there]), onward.pose[onward.converged]))
+        away = cga.motor_log(cga.compose(cga.reverse(pose[there]), led[known]))
         turn, way = (np.linalg.norm(part, axis=-1) for part in (away[:, :3], away[:, 3:]))
         for n in there[np.hypot(turn, way / model.mechanism.length_scale) > 1e-6]:
             status[n] = "jump"

@@ -6,10 +6,18 @@ import yaml
 from helpers.diagnoses import CONFIGS
 from helpers.redundant import belts, cables, gapped, machine, rope_cage, stewart
 
+from ppmcal.io import read_mechanism
 from ppmcal.kinematics import compiled_limbs
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.forward import forward, least_of_minima, moved, newton
+from ppmcal.kinematics.forward import (
+    forward,
+    least_of_minima,
+    moved,
+    newton,
+    smallest_singular_value,
+)
 from ppmcal.kinematics.inverse import inverse
+from ppmcal.kinematics.tables import forward_table
 
 COUNT = 37
 """Rows: fewer than go the compiled way, unless they are told to."""
@@ -113,3 +121,24 @@ def test_limbs_that_share_a_drive_have_no_compiled_form(tmp_path, monkeypatch):
     monkeypatch.setattr(compiled_limbs, "MANY", 1)
     q = np.tile(mechanism.home_q, (COUNT, 1))
     assert compiled_limbs.compiled_limbs(Model(mechanism).closure(q), COUNT) is None
+
+
+def test_far_rows_are_not_taken_for_beyond_a_singularity():
+    """Eight cables: joints that move in proportion contradict each other between far-off poses.
+
+    On the straight way between these poses no pose matrix comes near losing rank.
+    """
+    mechanism = read_mechanism(CONFIGS / "cable-8.yaml")
+    model = Model(mechanism)
+    rng = np.random.default_rng(5)
+    half = np.array([0.7, 0.6, 0.4, 0.2, 0.2, 0.2])
+    at = rng.uniform(-half, half, (COUNT, 6))
+    between = (at[:-1, None] + np.linspace(0.0, 1.0, 21)[:, None]
+               * np.diff(at, axis=0)[:, None]).reshape(-1, 6)
+    home = np.tile(mechanism.home, (len(between), 1))
+    way = moved(home, between)
+    value, _ = smallest_singular_value(model.closure(inverse(model, way).q), way)
+    assert value.min() > 0.4
+    there = moved(home[:COUNT], at)
+    table = forward_table(model, inverse(model, there).q)
+    assert set(table.status) == {"ok"}
