@@ -78,7 +78,7 @@ ALLOWED = {
     # a name is not said twice
     ("calibration/fit/secondary_analyses.py", "reason.startswith(what)"),
     # how a line is laid out: the end of a sentence, a letter at its beginning
-    ("commands/diagnose/told.py", "line.startswith('the ')"),
+    ("commands/diagnose/run.py", "line.startswith('the ')"),
     # lines of files that controllers and instruments write
     ("controllers/klipper/lines.py", "line.startswith(SAVED)"),
     ("controllers/klipper/lines.py", "line.startswith(f'{SAVED} ')"),

@@ -115,7 +115,9 @@ def function(name: str) -> Callable[..., Any]:
         asked = spec.arguments(**face.given, **{names_of.get(k, k): v for k, v in bound.items()})
         return carry_out(spec, asked, progress=progress)
 
-    signature = signature_of(spec, face)
+    signature = inspect.Signature(    # arguments, options by name, progress
+        [*(_parameter(one, face) for one in _taken(spec, face)), PROGRESS],
+        return_annotation=spec.result)
     call.__name__ = call.__qualname__ = name
     call.__module__ = "ppmcal"    # where processes find it
     call.__doc__ = document(spec, face)
@@ -128,13 +130,6 @@ def result_of(name: str) -> type | None:
     one, _ = functions()[name]
     found: type | None = getattr(work(one), command(one).result, None)
     return found
-
-
-def signature_of(spec: Command, face: Face) -> inspect.Signature:
-    """Return the signature: arguments, then options by name, then ``progress``."""
-    return inspect.Signature(
-        [*(_parameter(one, face) for one in _taken(spec, face)), PROGRESS],
-        return_annotation=spec.result)
 
 
 def _taken(spec: Command, face: Face) -> Iterator[Taken]:

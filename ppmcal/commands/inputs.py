@@ -13,12 +13,13 @@ import numpy as np
 from ppmcal.calibration.fit import with_gauge, with_unknown_directions
 from ppmcal.calibration.interpretation import without_stale
 from ppmcal.commands.spec import Measurements, Path_
-from ppmcal.errors import BadInput, unknown
+from ppmcal.errors import BadInput, NoResult, unknown
 from ppmcal.io import read_campaign, read_mechanism
 from ppmcal.io.campaign import joined
 from ppmcal.io.dataset_reader import dataset_of, may_be_words, read_files
 from ppmcal.io.frames import as_table, is_path
 from ppmcal.io.read_block import ReadFile
+from ppmcal.io.results.knowledge import read_basis
 from ppmcal.io.sidecar import read_sidecar, sidecar_of, sidecar_path
 from ppmcal.io.tables import read_table
 from ppmcal.io.templates import find_template
@@ -26,6 +27,7 @@ from ppmcal.kinematics.effect_response import environment_of, with_strokes
 from ppmcal.kinematics.needed_columns import ORDER, missing_columns
 from ppmcal.kinematics.tables import with_joints
 from ppmcal.model.dataset import Dataset, Environment
+from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import unmatched
 from ppmcal.notes import Note
@@ -269,3 +271,54 @@ def same_machine(mechanism: Mechanism, other: Mechanism, source: Path) -> list[N
     return [Note(
         f"{len(apart)} fixed value{'s' if len(apart) > 1 else ''} are not as in {source}: "
         f"{abbreviate_list(apart)}; use one mechanism file for both")]
+
+
+HINT = ("Use `ppmcal diagnose` to find what the model lacks; if the stated noise is too small, "
+        "use `identify --sigma estimated`; --regardless uses the model as it is")
+UNENDED = ("the fit of this model did not converge: its values are where the search stopped, and "
+           "commands may be far off")
+HINT_UNENDED = ("Run identify again without --iterations, or with more; measure poses that tell "
+                "the parameters apart, or free fewer; --regardless uses the model as it is")
+
+
+def refuse_unfit(mechanism: Mechanism, knowledge: Path | None = None, regardless: bool = False
+                 ) -> list[Note]:
+    """Refuse a model whose fit had not converged, or whose residuals are far beyond their noise.
+
+    Args:
+        mechanism: the model; its file says how well it fits, whatever lies beside.
+        knowledge: identification.json to ask where the file is of an older version  [default:
+            beside the file].
+        regardless: take it all the same.
+
+    Returns:
+        What to warn of.
+
+    Raises:
+        NoResult: with what is wrong.
+        BadInput: the identification.json that is asked cannot be read.
+    """
+    seen = _basis(mechanism, knowledge)
+    refusals = []
+    if seen.converged is False:
+        refusals.append((UNENDED, HINT_UNENDED))
+    if seen.missed:
+        refusals.append((f"the model does not fit its own calibration data: residuals are "
+                         f"{seen.sigma_ratio:.3g} times the noise", HINT))
+    if refusals and not regardless:
+        what, hint = refusals[0]
+        raise NoResult(what, mechanism.source, hint)
+    return [Note(f"{what}; used anyway, because of --regardless") for what, _ in refusals]
+
+
+def _basis(mechanism: Mechanism, knowledge: Path | None) -> MeasurementBasis:
+    """Return what the model's file says of its fit, else the identification.json beside it."""
+    own = mechanism.measured
+    if own is not None and own.converged is not None:
+        return own
+    source = Path(mechanism.source)
+    path = knowledge or source.with_name("identification.json")
+    if not path.is_file() or (knowledge is None and source.name not in MODELS):
+        return own or MeasurementBasis()
+    beside = read_basis(path)
+    return beside if own is None else replace(own, converged=beside.converged)

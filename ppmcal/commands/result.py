@@ -62,7 +62,9 @@ class Result:
     @property
     def warnings(self) -> list[str]:
         """What needs a look, and what the machine's file leaves to the program."""
-        return list(dict.fromkeys([*self._of_machine, *self.findings]))
+        machine = getattr(self, "mechanism", None)
+        left = machine.findings if isinstance(machine, Mechanism) else ()
+        return list(dict.fromkeys([*left, *self.findings]))
 
     def remarks(self) -> Sequence[str]:
         """Return every sentence besides the result itself; their levels give the exit code."""
@@ -77,11 +79,6 @@ class Result:
     def exit_code(self) -> int:
         """The exit code of the command."""
         return int(self.has_findings)
-
-    @property
-    def _of_machine(self) -> Sequence[str]:
-        machine = getattr(self, "mechanism", None)
-        return machine.findings if isinstance(machine, Mechanism) else ()
 
     @property
     def verdict(self) -> str:

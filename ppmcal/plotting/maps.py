@@ -14,9 +14,7 @@ from ppmcal.kinematics.region import Grid, placed
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
-from ppmcal.plotting.map_data import Map, MapView
-from ppmcal.plotting.map_panel import ColourScale, draw_panel
-from ppmcal.plotting.map_profile import draw_profile
+from ppmcal.plotting.map_panel import ColourScale, Map, MapView, draw_panel, draw_profile
 from ppmcal.plotting.style import (
     BODY,
     EDGE,

@@ -12,7 +12,7 @@ from ppmcal.report.kind import Folder
 from ppmcal.report.kinds import KINDS, KNOWN
 from ppmcal.report.records import ReportData
 from ppmcal.report.rows import with_measured
-from ppmcal.report.truth import compare, with_copies
+from ppmcal.report.simulated import compare, with_copies
 from ppmcal.store.transaction import recover
 from ppmcal.wording.progress import stage
 

@@ -23,8 +23,20 @@ from ppmcal.io.results.comparison import (
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import Dots, Layer, Marks, Points, Strokes, Zero
 from ppmcal.plotting.plot import row_y, rows_plot, span
-from ppmcal.report.format import count, probability, sig, to_sigma, typeset
-from ppmcal.report.html import Cell, figures, name_cell, number_cell, paragraph, table, text_cell
+from ppmcal.report.html import (
+    Cell,
+    count,
+    figures,
+    name_cell,
+    number_cell,
+    paragraph,
+    probability,
+    sig,
+    table,
+    text_cell,
+    to_sigma,
+    typeset,
+)
 from ppmcal.report.kind import Folder, Kind
 from ppmcal.report.records import Held, ReportData
 from ppmcal.report.section import Section

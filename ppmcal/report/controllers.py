@@ -14,14 +14,16 @@ from ppmcal.io.results.export import (
 from ppmcal.plotting.bars import Chart, Row
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.style import SMALLEST
-from ppmcal.report.format import count, number, sig
 from ppmcal.report.html import (
     MAX_ROWS,
     bullets,
+    count,
     figures,
     name_cell,
+    number,
     number_cell,
     paragraph,
+    sig,
     table,
     text_cell,
 )

@@ -13,8 +13,19 @@ from ppmcal.io.results.design import ShownTable
 from ppmcal.notes import FINDING, level_of
 from ppmcal.plotting.style import with_palette
 from ppmcal.report.design_records import DESIGN_FILES, designed
-from ppmcal.report.format import count, exact, number, sig
-from ppmcal.report.html import Cell, bullets, name_cell, number_cell, paragraph, table, text_cell
+from ppmcal.report.html import (
+    Cell,
+    bullets,
+    count,
+    exact,
+    name_cell,
+    number,
+    number_cell,
+    paragraph,
+    sig,
+    table,
+    text_cell,
+)
 from ppmcal.report.kind import Chapter, Kind
 from ppmcal.report.other import scalars
 from ppmcal.report.records import Designed, Picture, ReportData
@@ -33,7 +44,8 @@ WIDE = 40
 def design_section(one: Designed, folded: bool = False) -> Section:
     """Return everything about one design: what it says, its tables, pictures and findings."""
     r = one.record
-    out = [paragraph(_source(one), "note")]
+    held = ", ".join(f"{count(n, 'row')} in {name}" for name, n in one.rows.items())
+    out = [paragraph(f"From {one.folder}" + (f": {held}." if held else "."), "note")]
     out += [paragraph(s, "big" if i == 0 else "") for i, s in enumerate(r.summary)]
     out.append(bullets(r.findings))
     if not r.summary:
@@ -42,16 +54,6 @@ def design_section(one: Designed, folded: bool = False) -> Section:
     return Section(f"{one.record.TITLE}{of}", "".join(out), parts=filled(
         [Section("Pictures", _pictures(one), count(len(one.pictures), "picture"), folded),
          *(_table(one, t, folded) for t in r.tables)]))
-
-
-def design_headline(one: Designed) -> str:
-    """Return what a design says first, empty where it says nothing."""
-    return f"{one.record.TITLE}: {one.record.summary[0]}" if one.record.summary else ""
-
-
-def _source(one: Designed) -> str:
-    held = ", ".join(f"{count(n, 'row')} in {name}" for name, n in one.rows.items())
-    return f"From {one.folder}" + (f": {held}." if held else ".")
 
 
 def _table(one: Designed, shown: ShownTable, folded: bool) -> Section:
@@ -143,4 +145,4 @@ def _shown(one: Designed, _: ReportData) -> dict[str, Any]:
 DESIGN: Kind[Designed] = Kind(
     "designed", "designs", "error analysis", 90, DESIGN_FILES, lambda folder: designed(folder.path),
     _chapters, _shown, lambda one: [(one.kind, one.record)], _findings,
-    lead=lambda one, _: [design_headline(one)])
+    lead=lambda one, _: [f"{one.record.TITLE}: {text}" for text in one.record.summary[:1]])

@@ -7,7 +7,7 @@ sentences, tables and the captions of their pictures, beside numbers of their ow
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 from ppmcal.codec import AGAIN
@@ -79,15 +79,12 @@ def _pictures(folder: Path, record: DesignRecord) -> tuple[Picture, ...]:
             names = []
         listed = dict.fromkeys(names, "")
     out = [_picture(folder, name, caption) for name, caption in list(listed.items())[:MOST]]
-    return (*out, *_left_over(list(listed)[MOST:]))
+    more = _left_out(f"the page takes {MOST} pictures")
+    return (*out, *(Picture(name, "", problem=more) for name in list(listed)[MOST:]))
 
 
 def _left_out(why: str) -> Note:
     return Note(f"left out: {why}", NOTE)
-
-
-def _left_over(names: Sequence[str]) -> list[Picture]:
-    return [Picture(n, "", problem=_left_out(f"the page takes {MOST} pictures")) for n in names]
 
 
 def _picture(folder: Path, name: str, caption: str) -> Picture:

@@ -38,14 +38,17 @@ from ppmcal.io.results.validation import misled
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.report.diagnosis_figures import pictures
 from ppmcal.report.diagnosis_tables import amounts, in_unit, ladder, next_poses, odds_to, tried
-from ppmcal.report.format import count, number, probability, sig
 from ppmcal.report.html import (
     Cell,
     bullets,
+    count,
     figures,
     name_cell,
+    number,
     number_cell,
     paragraph,
+    probability,
+    sig,
     table,
     text_cell,
 )
@@ -76,7 +79,9 @@ def diagnosis_section(d: Diagnosed) -> Section:
     return Section("The missing effect", body, d.folder, parts=filled([
         Section("What the residuals follow, before and after", figures(shown)),
         Section("What these data cannot tell apart", figures(drawn.get("alternatives", []))),
-        _days(r), _next(d), _refused(d), _absorbed(r), _places(r),
+        Section("Each session, predicted by a fit of the others", days(r.validation) or "".join(
+            paragraph(t) for t in another_day(r))),
+        _next(d), _refused(d), _absorbed(r), _places(r),
         Section("Residuals", figures([*drawn["residuals"], *drawn["coordinates"]]), folded=True),
         Section("Findings", bullets(r.findings) if r.findings else "")]))
 
@@ -87,12 +92,6 @@ def _lead(r: DiagnosisRecord) -> str:
     if r.confirmed is False and r.effects:
         facts.append(unconfirmed(r))
     return text + paragraph(" ".join(f for f in facts if f))
-
-
-def _days(r: DiagnosisRecord) -> Section:
-    """Return how each session is predicted from the others."""
-    told = days(r.validation) or "".join(paragraph(t) for t in another_day(r))
-    return Section("Each session, predicted by a fit of the others", told)
 
 
 def _effects(r: DiagnosisRecord) -> str:
@@ -134,11 +133,14 @@ def _rivals(r: DiagnosisRecord, e: DiagnosedEffect) -> str:
 
 
 def _refused(d: Diagnosed) -> Section:
-    """Return what was tried and not named, and what could not be tried."""
+    """Return what was tried and not named, and what could not be tried for want of columns."""
     r = d.record
+    untestable = [[text_cell(u.kind), text_cell(", ".join(u.missing) or u.reason, "wrap")]
+                  for u in r.not_testable]
     size = count(d.effects.size, "hypothesis", "hypotheses") if d.effects is not None else ""
     return Section("What was tried and refused", _suspects(r) + tried(d.effects)
-                   + _untestable(r), size, folded=True)
+                   + table("Not testable: record these columns to test for the effect",
+                           ["effect", "columns missing"], untestable), size, folded=True)
 
 
 def _suspects(r: DiagnosisRecord) -> str:
@@ -198,14 +200,6 @@ def _places(r: DiagnosisRecord) -> Section | None:
                  ["by", "group", "before", "after", "chance of noise alone"], rows, sort=True)
     return Section("Where the residuals are, group by group", body, count(len(rows), "group"),
                    folded=True)
-
-
-def _untestable(r: DiagnosisRecord) -> str:
-    """Return the kinds of effect that could not be tested, and the columns they lack."""
-    rows = [[text_cell(u.kind), text_cell(", ".join(u.missing) or u.reason, "wrap")]
-            for u in r.not_testable]
-    return table("Not testable: record these columns to test for the effect",
-                 ["effect", "columns missing"], rows)
 
 
 def _next(d: Diagnosed) -> Section | None:

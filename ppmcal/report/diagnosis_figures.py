@@ -6,7 +6,7 @@ older version, or cut down) does not hold what it shows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -30,17 +30,11 @@ from ppmcal.plotting.layers import Between, Intervals, Layer, Marks, Points, Pol
 from ppmcal.plotting.plot import CLASS_ROOM, Plot, span
 from ppmcal.plotting.style import SMALLEST
 from ppmcal.report.diagnosis_tables import INPUTS, finer, left_out, odds_to, step_name
-from ppmcal.report.format import number, sig, with_label
+from ppmcal.report.html import number, sig, with_label
 from ppmcal.wording import actuator_list, shorten_label
 
 SHOWN = 0.99
 """This part of the rows is within the axis; the others are drawn at its edge."""
-
-
-def term_pictures(record: DiagnosisRecord) -> list[Drawing]:
-    """Return one picture for each shape that was learned."""
-    found = [_picture(record, e) for e in record.learned]
-    return [p for p in found if p is not None]
 
 
 def _columns(*columns: tuple[float | None, ...]) -> Array | None:
@@ -86,12 +80,6 @@ APART = 2.5
 """Before and after are plotted so many points to each side of their place."""
 
 
-def input_pictures(record: DiagnosisRecord) -> list[Drawing]:
-    """Return one panel for each series of the plot data."""
-    out = [_panel(record, s) for s in record.plot_data.series]
-    return [p for p in out if p is not None]
-
-
 def _values(s: Series) -> tuple[Array, Array] | None:
     """Return input (B,) and means and half intervals before and after (4, B), if drawable."""
     columns = [np.array([np.nan if (n := number(v)) is None else n for v in some])
@@ -118,7 +106,8 @@ def _panel(record: DiagnosisRecord, series: Series) -> Drawing | None:
     per, x_unit = finer(series.input_unit, _largest(series, x))
     what = _what(series, actuators(record))
     classes = series.names if len(series.names) == size else ()
-    x_name = _input_name(series, x_unit)
+    x_name = INPUTS.get(series.input, series.input or "input")
+    x_name = with_label(f"{x_name} {series.which}".strip(), x_unit)
     period = number(series.period)
     tail = "" if not period else f"; one period is {period:.4g} {series.input_unit}".rstrip()
     subject = f"measured {series.coordinate}" if series.coordinate else "the joint"
@@ -173,27 +162,19 @@ def _title(record: DiagnosisRecord, series: Series, what: str) -> str:
     return f"What is left: {against}" if series.role == "left" and record.effects else against
 
 
-def _input_name(series: Series, unit: str) -> str:
-    name = INPUTS.get(series.input, series.input or "input")
-    return with_label(f"{name} {series.which}".strip(), unit)
-
-
 LONG_ODDS = 150.0
 """Beyond these an alternative is in the set only for what it can imitate."""
 
 
 def pictures(record: DiagnosisRecord) -> dict[str, list[Drawing]]:
     """Return file name without ending -> pictures on that sheet."""
-    found = pictures_beside(_makers(record))
+    found = pictures_beside({
+        "gap": lambda: [gap(record)], "actuators": lambda: [by_actuator(record)],
+        "inputs": lambda: [_panel(record, s) for s in record.plot_data.series],
+        "alternatives": lambda: [confusion(record)],
+        "terms": lambda: [_picture(record, e) for e in record.learned]})
     drawn = {name: [p for p in some if p is not None] for name, some in found.items()}
     return {name: some for name, some in drawn.items() if some}
-
-
-def _makers(record: DiagnosisRecord) -> dict[str, Callable[[], Sequence[Drawing | None]]]:
-    return {
-        "gap": lambda: [gap(record)], "actuators": lambda: [by_actuator(record)],
-        "inputs": lambda: input_pictures(record),
-        "alternatives": lambda: [confusion(record)], "terms": lambda: term_pictures(record)}
 
 
 def gap(record: DiagnosisRecord) -> Drawing | None:

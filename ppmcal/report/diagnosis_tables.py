@@ -11,8 +11,19 @@ from ppmcal.io.csv import Table
 from ppmcal.io.results.diagnosis import DiagnosisRecord, gap_steps
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect
 from ppmcal.io.results.diagnosis_wording import name_of
-from ppmcal.report.format import count, number, sig, to_sigma, whole, with_unit
-from ppmcal.report.html import csv_cell, number_cell, paragraph, table, text_cell
+from ppmcal.report.html import (
+    count,
+    csv_cell,
+    number,
+    number_cell,
+    paragraph,
+    sig,
+    table,
+    text_cell,
+    to_sigma,
+    whole,
+    with_unit,
+)
 from ppmcal.wording import actuator_list, rate
 
 INPUTS = {

@@ -11,7 +11,7 @@ from ppmcal import __version__
 from ppmcal.errors import BadInput
 from ppmcal.io.results.scene import Scene
 from ppmcal.report.html import template_text, whole_page
-from ppmcal.report.machine_scene import machine_css, machine_scripts, scene_html
+from ppmcal.report.machine_section import machine_css, machine_scripts, scene_html
 from ppmcal.store.output import Output
 
 GENERATOR = "ppmcal machine drawing"

@@ -23,36 +23,34 @@ from ppmcal.io.results.identification_tables import quantity_of
 from ppmcal.io.results.identification_wording import combination, short_intervals
 from ppmcal.io.results.residual_rows import row_key, used
 from ppmcal.plotting.canvas import Drawing
-from ppmcal.report.format import (
+from ppmcal.report.html import (
+    MAX_ROWS,
     NBSP,
+    Cell,
+    bullets,
     count,
+    definitions,
+    error_bar,
     exact,
+    figures,
+    name_cell,
     number,
+    number_cell,
+    paragraph,
     probability,
     sig,
+    table,
+    text_cell,
     to_sigma,
     typeset,
     whole,
     with_unit,
 )
-from ppmcal.report.headlines import figure
-from ppmcal.report.html import (
-    MAX_ROWS,
-    Cell,
-    bullets,
-    definitions,
-    error_bar,
-    figures,
-    name_cell,
-    number_cell,
-    paragraph,
-    table,
-    text_cell,
-)
 from ppmcal.report.records import Identified
 from ppmcal.report.residual_figures import coordinate_figures, residual_figures
 from ppmcal.report.rows import rows_section
 from ppmcal.report.section import Section, filled
+from ppmcal.report.verdict import figure
 from ppmcal.wording import MOST, abbreviate_list
 
 
@@ -67,14 +65,14 @@ def gross_error_section(found: GrossErrorSummary, units: Mapping[str, str], inde
                         ) -> Section | None:
     """Return what the rows left out said, and what they would have done to the parameters."""
     rows = [[text_cell(r.dataset), number_cell(r.row, exact(r.row)), text_cell(r.coordinate),
-             number_cell(r.value, _digits(r.value)), number_cell(r.predicted, _digits(r.predicted)),
-             text_cell(r.unit), number_cell(r.times)] for r in found.rows]
+             *(number_cell(v, exact(v, 6)) for v in (r.value, r.predicted)), text_cell(r.unit),
+             number_cell(r.times)] for r in found.rows]
     out = table(_first("What those rows say, and what all others say of them", len(rows)),
                 ["data set", "row", "number", "measured", "the others say", "unit",
                  "times the noise"], rows[:MAX_ROWS], sort=True,
                 keys=[row_key(index, r.dataset, r.row or 0) for r in found.rows[:MAX_ROWS]])
-    body = [[name_cell(name), number_cell(e.now, _digits(e.now)),
-             number_cell(e.with_them, _digits(e.with_them)), text_cell(units.get(name, ""))]
+    body = [[name_cell(name), *(number_cell(v, exact(v, 6)) for v in (e.now, e.with_them)),
+             text_cell(units.get(name, ""))]
             for name, e in found.would_be.items()
             if e.now is not None and e.with_them is not None]
     out += table(_first("What parameters would be with them", len(body)),
@@ -83,12 +81,6 @@ def gross_error_section(found: GrossErrorSummary, units: Mapping[str, str], inde
         return None
     note = "These rows were left out because the others contradict them."
     return Section("Gross errors", paragraph(note, "note") + out, folded=True)
-
-
-def _digits(value: float | None) -> str:
-    """Return a number to six digits, as the console shows it."""
-    x = number(value)
-    return "–" if x is None else f"{x:.6g}".replace("-", "−")
 
 
 def _first(caption: str, size: int) -> str:
@@ -160,7 +152,9 @@ def _fit_facts(r: IdentificationRecord) -> str:
     index = [f"{k}{NBSP}{sig(v)}" for k, v in sorted(r.observability.items())
              if k in ("O1", "O2", "O3", "O4", "O5")]
     facts.append(("Observability indices", " · ".join(index)))
-    facts.append(("Measured region", _region(r)))
+    facts.append(("Measured region", "; ".join(
+        f"{name} {' … '.join(with_unit(e, r.units.name(quantity_of(name)), 4) for e in ends)}"
+        for name, ends in r.measured_volume.items())))
     return definitions(facts)
 
 
@@ -186,15 +180,6 @@ def _chi2(value: float, degrees: float | None, p: float | None) -> str:
     """Return a chi-squared in words."""
     return f"{sig(value, 4)} with {sig(degrees, 4)} degrees of freedom, {probability(p)}".rstrip(
         ", ")
-
-
-def _region(r: IdentificationRecord) -> str:
-    """Return the ranges of the measured coordinates in words."""
-    parts = []
-    for name, ends in r.measured_volume.items():
-        unit = r.units.name(quantity_of(name))
-        parts.append(f"{name} {' … '.join(with_unit(e, unit, 4) for e in ends)}")
-    return "; ".join(parts)
 
 
 def parameters(r: IdentificationRecord) -> Section | None:

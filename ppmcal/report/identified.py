@@ -17,15 +17,13 @@ from ppmcal.io.results.identification_tables import (
 )
 from ppmcal.io.results.identification_wording import noise_verdict
 from ppmcal.io.results.residual_rows import used, white
-from ppmcal.report.format import count, with_unit
-from ppmcal.report.headlines import IN_THE_FIT, figure, headline, unseen
-from ppmcal.report.html import part
+from ppmcal.report.html import count, part, with_unit
 from ppmcal.report.identification import drawings, excluded_rows, identified_section
 from ppmcal.report.kind import Chapter, Folder, Kind
-from ppmcal.report.machine_drawings import machine_drawings
-from ppmcal.report.machine_section import machine_section
+from ppmcal.report.machine_section import machine_drawings, machine_section
 from ppmcal.report.records import Identified, ReportData
 from ppmcal.report.section import Section, chapter, filled
+from ppmcal.report.verdict import IN_THE_FIT, figure, headline, unseen
 from ppmcal.wording import abbreviate_list
 
 FEW = 3

@@ -15,7 +15,7 @@ from ppmcal.linalg import Array, Ints
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import Dots, Layer, Marks, Polyline, Strokes, Zero
 from ppmcal.plotting.plot import Axis, Plot, span
-from ppmcal.report.format import count, sig, whole, with_label, with_unit
+from ppmcal.report.html import count, sig, whole, with_label, with_unit
 from ppmcal.report.kinematics_motion import GONE, TimedRows, motion_of
 from ppmcal.report.residual_figures import square
 from ppmcal.report.thinning import POINTS

@@ -13,7 +13,7 @@ from ppmcal.io.results.kinematics import KINEMATICS_TABLE, KinematicsRecord
 from ppmcal.kinematics.path_rates import follows
 from ppmcal.linalg import Array, Bools
 from ppmcal.plotting.plot import Axis, span
-from ppmcal.report.format import with_label
+from ppmcal.report.html import with_label
 
 NOT_FOUND = "not converged"
 GONE = ("unreachable", NOT_FOUND, "refused")

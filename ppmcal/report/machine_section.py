@@ -2,23 +2,232 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
 
 from ppmcal.errors import PpmcalError
 from ppmcal.io import read_mechanism
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import group_name, own_values, together
-from ppmcal.io.results.scene import Scene, SceneEffect
+from ppmcal.io.results.scene import Scene, SceneEffect, SceneFrame, SceneMachine
 from ppmcal.io.results.scene_rows import POINTS, FittedRows, placed_rows, with_next, with_poses
+from ppmcal.linalg import Array
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.mechanism import Effect, Mechanism
 from ppmcal.notes import NOTE, Note
+from ppmcal.plotting.canvas import WIDTH, Drawing
+from ppmcal.plotting.layers import Layer, Marks, Polyline
+from ppmcal.plotting.plot import BOTTOM, LEFT, RIGHT, TOP, Axis, Plot, span
 from ppmcal.report.diagnosis_tables import amounts
-from ppmcal.report.html import paragraph
-from ppmcal.report.machine_scene import scene_html
+from ppmcal.report.html import paragraph, template_macro, template_text, with_label
+from ppmcal.report.html import script_json as script_json
 from ppmcal.report.records import Diagnosed, Identified
-from ppmcal.wording import actuator_list, number
+from ppmcal.wording import actuator_list, number, pluralize
+
+LIBRARY = "vendor/plotly.min.js"
+"""Draws in 2D and 3D; a page holds one copy."""
+SCRIPTS = ("machine_core.js", "machine_limbs.js", "machine_points.js", "machine.js")
+DIGITS = 7
+"""Digits that are drawn; more where differences are magnified."""
+
+
+def scene_html(scene: Scene, index: int | str = "") -> str:
+    """Return one drawing; names in it are escaped.
+
+    Args:
+        scene: machines and measured rows.
+        index: of the identification on the page, by which its rows are known.
+    """
+    order = slider_order(scene)
+    return template_macro("machine_scene.html", "drawing", scene, index, order, findings(scene),
+                          _notes(scene), script_json({**_content(scene), "order": order}))
+
+
+def machine_css() -> str:
+    """Return the style of all drawings on a page."""
+    return template_text("machine.css")
+
+
+def machine_scripts(library: bool = True) -> Markup:
+    """Return the scripts for all drawings of a page, to stand behind the last of them.
+
+    Args:
+        library: whether to bring plotly along; else the page has it before.
+    """
+    texts = [template_text(LIBRARY)] if library else []
+    texts.append("".join(template_text(name) for name in SCRIPTS))
+    return Markup("".join(f"<script>{text}</script>\n" for text in texts))
+
+
+def page_scripts(sections: Sequence[str], library: bool = True) -> Markup:
+    """Return the scripts that the drawings among some sections need, nothing without any."""
+    drawn = any('<div class="machine"' in section for section in sections)
+    return machine_scripts(library) if drawn else Markup("")
+
+
+def slider_order(scene: Scene) -> list[int]:
+    """Return the poses in the slider's order.
+
+    About home each coordinate from below through home to above, then the measured ones.
+    """
+    out, group = [0], list[int]()
+    frames = scene.machines[0].frames
+    for n in range(1, scene.about_home):
+        group.append(n)
+        last = n + 1 == scene.about_home or _moved(frames[n + 1]) != _moved(frames[n])
+        if last:
+            down = [m for m in group if "−" in frames[m].label]
+            out += [*down, 0, *(m for m in group if m not in down), 0]
+            group = []
+    about = out[:-1] if len(out) > 1 else out
+    return [*about, *range(scene.about_home, len(frames))]
+
+
+def _moved(frame: SceneFrame) -> str:
+    return frame.label.split(" ")[0]
+
+
+def findings(scene: Scene) -> list[str]:
+    """Return what needs a look, in words: at home, and how often at the other poses."""
+    frames = scene.machines[0].frames
+    out = [f"At home {mark.text}." for mark in frames[0].marks if mark.kind != "shared"]
+    at_home = {(mark.kind, mark.limbs) for mark in frames[0].marks}
+    elsewhere: dict[tuple[str, tuple[int, ...]], list[tuple[str, str]]] = {}
+    for frame in frames[1:]:
+        for mark in frame.marks:
+            if (mark.kind, mark.limbs) not in at_home:
+                elsewhere.setdefault((mark.kind, mark.limbs), []).append((frame.label, mark.text))
+    for found in elsewhere.values():
+        label, text = found[0]
+        more = f", and at {pluralize(len(found) - 1, 'other pose')}" if len(found) > 1 else ""
+        out.append(f"At {label}{more}: {text}.")
+    return out
+
+
+def _notes(scene: Scene) -> list[str]:
+    out = list(scene.notes)
+    shared = [m.text for m in scene.machines[0].frames[0].marks if m.kind == "shared"]
+    if shared:
+        out.append(f"Joints in one place: {', '.join(shared)}. Right where they are one joint; "
+                   "else a point of theirs is wrong.")
+    if len(scene.machines) > 1:
+        out.append(f"Over the {scene.machines[0].name} machine: {scene.machines[1].name}, at the "
+                   f"same joint values, their differences drawn {number(scene.magnification, 6)} "
+                   "times as large.")
+    if scene.still:
+        out.append(f"Not moved, because the machine decides them or reaches no such pose: "
+                   f"{', '.join(scene.still)}.")
+    return out
+
+
+def _content(scene: Scene) -> dict[str, Any]:
+    """Return what the page holds of a scene: as many digits as are seen, nothing empty."""
+    digits = DIGITS + math.ceil(math.log10(max(scene.magnification, 1.0)))
+    content = scene.entries(whole=True)
+    for key in ("machines", "measured", "effects"):
+        content[key] = _short(content[key], min(digits, 15))
+    return content
+
+
+def _short(value: Any, digits: int) -> Any:
+    if isinstance(value, float):
+        return float(f"{value:.{digits}g}")
+    if isinstance(value, Mapping):
+        return {k: _short(v, digits) for k, v in value.items()
+                if v is not None and v != "" and v != [] and v != ()}
+    if isinstance(value, list | tuple):
+        return [_short(v, digits) for v in value]
+    return value
+
+
+VIEWS = ((0, 2, "from the front"), (0, 1, "from above"))
+"""Axes to the right and up of the sides that a spatial machine is seen from."""
+LEAST, MOST = 100.0, 330.0
+"""Height of a view, points."""
+GAP = np.full((1, 3), np.nan)
+
+
+def machine_drawings(one: Identified) -> list[Drawing]:
+    """Return the machine in its plane or from two sides, nothing where the folder holds none."""
+    path = machine_file(one)
+    if path is None:
+        return []
+    scene = Scene.of(read_mechanism(path), present="identified")
+    return [_view(scene, a, b, side) for a, b, side in
+            (((0, 1, ""),) if scene.flat else VIEWS)]
+
+
+def _view(scene: Scene, a: int, b: int, side: str) -> Drawing:
+    """Return the machine at home, seen along one axis."""
+    lines, joints = zip(*_placed(scene), strict=True)
+    several, layers = len(scene.machines) > 1, list[Layer]()
+    for n, (machine, parts, at) in enumerate(zip(scene.machines, lines, joints, strict=True)):
+        kind = ("before", "after")[n] if several else "ink"
+        base, platform, links = parts
+        layers += [Polyline(base[:, a], base[:, b], "", kind, 0.8, True),
+                   Polyline(links[:, a], links[:, b], machine.name if several else "", kind),
+                   Polyline(platform[:, a], platform[:, b], "", kind, 2.2),
+                   Marks(at[:, a], at[:, b], kind, "o", 3.0)]
+    every = np.concatenate([*joints, *(p for parts in lines for p in parts)])
+    x, y, height = _square(every[:, a], every[:, b])
+    names = [with_label("xyz"[i], scene.units.length) for i in (a, b)]
+    unit, seen = scene.units.length, f", {side}" if side else ""
+    drawn = (f" Nominal and identified at the same joint values, their differences drawn "
+             f"{number(scene.magnification, 6)} times as large." if several else "")
+    return Plot(x, y, (names[0], names[1]), layers, (unit, unit), height=TOP + height + BOTTOM,
+                equal=True).drawing(
+        f"The machine at home{seen}",
+        f"Circles: joints; thick lines: platform; dashed: base.{drawn}",
+        f"{len(scene.machines[0].limbs)} limbs of {scene.name} to scale.")
+
+
+def _placed(scene: Scene) -> Iterator[tuple[tuple[Array, Array, Array], Array]]:
+    """Yield lines (base, platform, links) and joints of each machine, (N, 3) each, file units.
+
+    Differences from the first machine are magnified.
+    """
+    first = _points(scene.machines[0])
+    for machine in scene.machines:
+        base, platform, links, joints = (
+            p + (scene.magnification - 1.0) * (p - p0) if p.shape == p0.shape else p
+            for p, p0 in zip(_points(machine), first, strict=True))
+        yield (base, platform, links), joints
+
+
+def _points(machine: SceneMachine) -> tuple[Array, Array, Array, Array]:
+    """Return base, platform, links and joints of a machine at home, (N, 3) each."""
+    frame = machine.frames[0]
+    links = [p for limb in frame.limbs for link in limb.links for p in (*link, GAP[0])]
+    joints = [p for limb in frame.limbs for p in limb.joints]
+    return (_outline(frame, "base", machine.base_outline),
+            _outline(frame, "platform", machine.platform_outline),
+            np.array(links, dtype=float).reshape(-1, 3),
+            np.array(joints, dtype=float).reshape(-1, 3))
+
+
+def _outline(frame: SceneFrame, side: str, order: tuple[int, ...]) -> Array:
+    """Return the points of one side as a closed line (N + 1, 3)."""
+    points = np.array([getattr(frame.limbs[i], side) for i in order], dtype=float).reshape(-1, 3)
+    return np.concatenate([points, points[:1]])
+
+
+def _square(x: Array, y: Array) -> tuple[Axis, Axis, float]:
+    """Return axes with equal scales that hold the points, and the height of the plot."""
+    wide, across, up = WIDTH - LEFT - RIGHT, span(x), span(y)
+    own = wide * (up.high - up.low) / (across.high - across.low)
+    height = float(np.clip(own, LEAST, MOST))
+    return (_wider(across, max(own / height, 1.0)), _wider(up, max(height / own, 1.0)), height)
+
+
+def _wider(axis: Axis, times: float) -> Axis:
+    middle, half = 0.5 * (axis.low + axis.high), 0.5 * times * (axis.high - axis.low)
+    return Axis(middle - half, middle + half)
+
 
 MODELS = ("model.yaml", "identified.yaml")
 """Files that hold the machine of a folder, the one with effects first."""

@@ -29,17 +29,18 @@ from ppmcal.io.results.tables import ANY_TABLE
 from ppmcal.notes import Note
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.report.design_records import DESIGNS, designs_in
-from ppmcal.report.format import count, sig, whole
-from ppmcal.report.headlines import finding_text
 from ppmcal.report.html import (
     MAX_ROWS,
     bullets,
+    count,
     csv_cell,
     figures,
     number_cell,
     paragraph,
+    sig,
     table,
     text_cell,
+    whole,
 )
 from ppmcal.report.kind import Folder, Kind
 from ppmcal.report.kinematics_figures import kinematics_figures
@@ -47,6 +48,7 @@ from ppmcal.report.kinematics_motion import is_shown
 from ppmcal.report.records import Other, ReportData, ResidualRows
 from ppmcal.report.residual_figures import command_figure
 from ppmcal.report.section import Section, filled
+from ppmcal.report.verdict import finding_text
 
 SHOWN = 30
 """Rows of commands.csv that are shown; the file holds them all."""

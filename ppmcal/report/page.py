@@ -7,8 +7,7 @@ from typing import Any
 
 from ppmcal import __version__
 from ppmcal.codec import plain
-from ppmcal.report.format import exact, typeset
-from ppmcal.report.html import definitions, number_cell, table, text_cell
+from ppmcal.report.html import definitions, exact, number_cell, table, text_cell, typeset
 from ppmcal.report.kinds import IN_ORDER, KINDS
 from ppmcal.report.records import ReportData
 from ppmcal.report.section import Section, chapter, page

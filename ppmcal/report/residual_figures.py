@@ -39,7 +39,7 @@ from ppmcal.plotting.layers import (
     Zero,
 )
 from ppmcal.plotting.plot import BOTTOM, LEFT, RIGHT, TOP, Axis, Plot, span
-from ppmcal.report.format import count, sig, whole, with_label, with_unit
+from ppmcal.report.html import count, sig, whole, with_label, with_unit
 from ppmcal.report.records import MeasuredRows, ResidualRows
 from ppmcal.report.rows import DataRows
 from ppmcal.report.thinning import BINS, POINTS, envelope, evenly_spread

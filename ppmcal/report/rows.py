@@ -17,8 +17,18 @@ from ppmcal.io.results.residual_rows import norms, row_key, row_numbers, times_n
 from ppmcal.io.tables import read_table
 from ppmcal.linalg import Array
 from ppmcal.plotting.layers import Points, Undrawn
-from ppmcal.report.format import exact, number, sig, whole, with_label, with_unit
-from ppmcal.report.html import number_cell, paragraph, table, text_cell
+from ppmcal.report.html import (
+    exact,
+    number,
+    number_cell,
+    paragraph,
+    sig,
+    table,
+    text_cell,
+    whole,
+    with_label,
+    with_unit,
+)
 from ppmcal.report.records import Identified, MeasuredRows, Simulated
 from ppmcal.report.section import Section
 from ppmcal.store.inputs import digest_of

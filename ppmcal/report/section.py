@@ -13,7 +13,7 @@ from ppmcal import __version__
 from ppmcal.calibration.fit import secondary
 from ppmcal.notes import Note
 from ppmcal.report.html import bullets, part, plot_scripts, template_text, whole_page
-from ppmcal.report.machine_scene import machine_css, page_scripts
+from ppmcal.report.machine_section import machine_css, page_scripts
 
 C = TypeVar("C")
 

@@ -21,8 +21,7 @@ from ppmcal.io.results.validation import (
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import Layer, Marks, Points, Strokes
 from ppmcal.plotting.plot import Axis, row_y, rows_plot, span
-from ppmcal.report.format import sig, typeset
-from ppmcal.report.html import Cell, figures, number_cell, paragraph, table, text_cell
+from ppmcal.report.html import Cell, figures, number_cell, paragraph, sig, table, text_cell, typeset
 from ppmcal.report.kind import Kind, recorded
 from ppmcal.report.records import Held
 from ppmcal.report.section import Section
@@ -30,11 +29,6 @@ from ppmcal.report.section import Section
 ROW, NAMES = 17.0, 170.0
 """Height of a line and room for names, points."""
 STYLES = {"better": "after", "worse": "out"}
-
-
-def validation_section(one: Held[ValidationRecord]) -> Section:
-    """Return everything about one validation."""
-    return Section("On other measurements", days(one.record.datasets), one.folder)
 
 
 def days(datasets: Sequence[ValidatedDataset]) -> str:
@@ -128,7 +122,8 @@ def _layers(shown: Sequence[PredictedError], rms: Sequence[float], unit: str
 VALIDATE: Kind[Held[ValidationRecord]] = Kind(
     "validated", "validations", "validation", 60, (ValidationRecord.FILE,),
     recorded(ValidationRecord),
-    lambda data: [(f"Validation in {one.folder}", partial(validation_section, one))
+    lambda data: [(f"Validation in {one.folder}", partial(
+        Section, "On other measurements", days(one.record.datasets), one.folder))
                   for one in data.validated],
     lambda one, _: {"folder": one.folder, "validation": one.record.entries()},
     lambda one: [("validate", one.record)], lambda one, _: [

@@ -21,9 +21,9 @@ import ppmcal as face
 from ppmcal.calibration.fit import Noise
 from ppmcal.commands.certify import evidence
 from ppmcal.commands.certify.about import read_about
-from ppmcal.commands.certify.budget import Budget, Contribution, decided
 from ppmcal.commands.certify.evidence import refuse_uncertifiable, refuse_unknown_cause
 from ppmcal.commands.certify.figures import bidirectional, one_sided, pose_figures
+from ppmcal.commands.certify.judge import Budget, Contribution, decided
 from ppmcal.commands.certify.pdf import wrapped
 from ppmcal.errors import BadInput
 from ppmcal.io.results.identification import IdentificationRecord

@@ -20,7 +20,7 @@ import ppmcal
 from ppmcal.commands import functions
 from ppmcal.commands.face import result_of
 from ppmcal.commands.result import Result
-from ppmcal.controllers.model_uncertainty import UNKNOWN, pose_uncertainty
+from ppmcal.controllers.export import UNKNOWN, pose_uncertainty
 from ppmcal.io import tables as ppmcal_tables
 
 NOTEBOOK = ROOT / "docs" / "calibration.ipynb"

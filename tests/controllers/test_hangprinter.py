@@ -11,8 +11,8 @@ from helpers.paths import ROOT
 from helpers.redundant import written
 
 from ppmcal import export, identify, import_config
-from ppmcal.controllers.hangprinter.config import Spools, parse_config
 from ppmcal.controllers.hangprinter.controller import HANGPRINTER, read
+from ppmcal.controllers.hangprinter.reading import Spools, parse_config
 from ppmcal.errors import BadInput
 
 ANCHORS = np.array([[15.8, -1591.9, -125.6], [1294.6, 1231.8, -169.7], [-1397.4, 727.8, -147.2],

@@ -20,15 +20,17 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from ppmcal.controllers.export import Exported
-from ppmcal.controllers.linuxcnc.arithmetic import (
+from ppmcal.controllers.linuxcnc.controller import export
+from ppmcal.controllers.linuxcnc.fit import (
+    best,
     commands,
     drive_of,
     genhexkins_setting,
+    grid,
+    predicted_errors,
     reached,
     strut_lengths,
 )
-from ppmcal.controllers.linuxcnc.controller import export
-from ppmcal.controllers.linuxcnc.fit import best, grid, predicted_errors
 from ppmcal.controllers.linuxcnc.hal import (
     BASE_N,
     PLATFORM_N,

@@ -10,7 +10,7 @@ from ppmcal import export, import_config
 from ppmcal.controllers import import_options, uses
 from ppmcal.controllers.delta.geometry import DeltaGeometry
 from ppmcal.controllers.delta.geometry import travel as delta_travel
-from ppmcal.controllers.marlin.config import (
+from ppmcal.controllers.marlin.controller import (
     MarlinDelta,
     delta_of,
     format_delta,

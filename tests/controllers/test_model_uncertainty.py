@@ -17,7 +17,7 @@ from helpers.report_files import html_of
 
 from ppmcal.calibration.compensation.commands import compensate
 from ppmcal.controllers import loaded
-from ppmcal.controllers.model_uncertainty import pose_uncertainty
+from ppmcal.controllers.export import pose_uncertainty
 from ppmcal.io import read_mechanism
 from ppmcal.io.results.export import ExportRecord
 from ppmcal.io.results.knowledge import read_knowledge

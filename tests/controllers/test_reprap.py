@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 from ppmcal.controllers.delta import geometry
 from ppmcal.controllers.delta.fit import error_summary, project
 from ppmcal.controllers.delta.machine import drive_of, driven
-from ppmcal.controllers.reprap.config import (
+from ppmcal.controllers.reprap.controller import REPRAP
+from ppmcal.controllers.reprap.reading import (
     Delta,
     delta_of,
     format_delta,
@@ -26,7 +27,6 @@ from ppmcal.controllers.reprap.config import (
     read_delta,
     travel,
 )
-from ppmcal.controllers.reprap.controller import REPRAP
 from ppmcal.io import read_mechanism
 
 CONFIGS = ROOT / "configs"

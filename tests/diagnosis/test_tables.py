@@ -21,7 +21,7 @@ from helpers.report_files import html_of
 
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.validation.left_out_rows import LeftOut
-from ppmcal.commands.diagnose.told import effects, told
+from ppmcal.commands.diagnose.run import effects, told
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.findings import advice, findings
 from ppmcal.diagnosis.held_out_gap import Gap

@@ -14,16 +14,15 @@ from helpers.paths import ROOT
 
 from fuzz.judge import SECONDS
 from ppmcal.commands.batch.manifest import read_manifest
-from ppmcal.controllers.hangprinter import config as hangprinter_config
-from ppmcal.controllers.hangprinter.importer import import_config as import_hangprinter
+from ppmcal.controllers.hangprinter import reading as hangprinter_config
+from ppmcal.controllers.hangprinter.controller import import_config as import_hangprinter
 from ppmcal.controllers.joints import file as joint_tables_file
 from ppmcal.controllers.klipper import config as klipper_config
 from ppmcal.controllers.klipper import reading as klipper_reading
 from ppmcal.controllers.klipper import rotary_machine as klipper_rotary
 from ppmcal.controllers.linuxcnc import hal as linuxcnc_hal
-from ppmcal.controllers.marlin import config as marlin_config
-from ppmcal.controllers.maslow.importer import import_config as import_maslow
-from ppmcal.controllers.reprap import config as reprap_config
+from ppmcal.controllers.marlin import controller as marlin_config
+from ppmcal.controllers.maslow.controller import import_config as import_maslow
 from ppmcal.controllers.reprap import reading as reprap_reading
 from ppmcal.io.column_names import LABELS
 from ppmcal.io.csv import csv_table
@@ -332,7 +331,7 @@ def readers():
         Reader("klipper-log", from_file("l.log", _log), (
             b"probe at 0.000,0.000 is z=1.234\nprobe at 10.0,0.000 is z=1.3\n"
             b"probe at 10.0,9.0 is z=1.3\n",)),
-        Reader("reprap", lambda d: reprap_config.read_delta(reprap_config.parse(
+        Reader("reprap", lambda d: reprap_reading.read_delta(reprap_reading.parse(
             d.decode("utf-8", "replace"), "config.g")), (
             b"M665 L300:300:300 R150 H240 B90 X0.1 Y-0.2 Z0\nM666 X0.1 Y0 Z-0.1 A0 B0\nG31 Z1\n",)),
         Reader("marlin", lambda d: marlin_config.read_delta(marlin_config.parse(

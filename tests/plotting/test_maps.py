@@ -17,8 +17,7 @@ from ppmcal.kinematics.partial_pose import inverse_partial
 from ppmcal.kinematics.region import Grid, named, slice_axes, slice_grid
 from ppmcal.plotting import style as picture
 from ppmcal.plotting.curves import draw_curves
-from ppmcal.plotting.map_data import Map
-from ppmcal.plotting.map_panel import NO_VALUE, SINGULAR_CURVE, ColourScale, draw_panel
+from ppmcal.plotting.map_panel import NO_VALUE, SINGULAR_CURVE, ColourScale, Map, draw_panel
 from ppmcal.plotting.maps import _view, draw_map
 from ppmcal.plotting.style import (
     SINGULAR,

@@ -32,7 +32,7 @@ from ppmcal.report.records import (
     ResidualRows,
     Simulated,
 )
-from ppmcal.report.truth import compare
+from ppmcal.report.simulated import compare
 from ppmcal.store.provenance import Provenance
 from ppmcal.units import Units
 

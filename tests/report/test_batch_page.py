@@ -17,8 +17,7 @@ from ppmcal.io.results.batch_common import (
     shared_effects,
     shared_parameters,
 )
-from ppmcal.report.batch import batch_page
-from ppmcal.report.batch_common import common_sentences
+from ppmcal.report.batch import batch_page, common_sentences
 
 
 def error(stage, value, unit="mm"):

@@ -40,7 +40,7 @@ from ppmcal.plotting.svg import SCALE
 from ppmcal.report.diagnosis import diagnosis_section
 from ppmcal.report.diagnosis_figures import pictures
 from ppmcal.report.figure_files import PNG_SCALE, diagnosis_files
-from ppmcal.report.format import sig
+from ppmcal.report.html import sig
 from ppmcal.report.records import Diagnosed
 from ppmcal.report.section import placed
 from ppmcal.store.provenance import source_of

@@ -19,7 +19,7 @@ from ppmcal.io import read_mechanism
 from ppmcal.io.results.scene import MeasuredPose, Scene
 from ppmcal.model.limbs import kinds as limb_kinds
 from ppmcal.report.drawing import drawing_page
-from ppmcal.report.machine_scene import findings
+from ppmcal.report.machine_section import findings
 
 CONFIGS = sorted(p.stem for p in (ROOT / "configs").glob("*.yaml"))
 LARGEST = 5_000_000

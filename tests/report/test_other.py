@@ -25,7 +25,7 @@ from ppmcal.io.results.identification_wording import combination, noise_verdict
 from ppmcal.plotting.style import AFTER, BEFORE, OUT, SOFT
 from ppmcal.report import collect, to_html, to_json
 from ppmcal.report.comparison import differences
-from ppmcal.report.format import sig, to_sigma, typeset
+from ppmcal.report.html import sig, to_sigma, typeset
 
 LATER = {"identification.json": ("identifiability", "gross_errors", "flats"),
          "comparison.json": ("findings",),

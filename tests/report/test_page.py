@@ -28,11 +28,11 @@ from ppmcal.io.results.identification_wording import combination, noise_verdict
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.plotting.plot import Axis, span
 from ppmcal.report import collect, to_html, to_json
-from ppmcal.report.format import NBSP, probability, sig, to_sigma, typeset
+from ppmcal.report.html import NBSP, probability, sig, to_sigma, typeset
 from ppmcal.report.kinds import KINDS, KNOWN
 from ppmcal.report.records import Identified, ReportData, Simulated
+from ppmcal.report.simulated import compare
 from ppmcal.report.thinning import envelope, evenly_spread
-from ppmcal.report.truth import compare
 from ppmcal.store.provenance import Provenance
 from ppmcal.units import Units
 

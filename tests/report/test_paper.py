@@ -24,7 +24,7 @@ from ppmcal.plotting.plot import Axis, Plot
 from ppmcal.plotting.style import AFTER, BEFORE, OUT
 from ppmcal.report import collect
 from ppmcal.report.kinds import IN_ORDER
-from ppmcal.report.paper_tables import rounded, tables, tex
+from ppmcal.report.paper import rounded, tables, tex
 
 MM = 25.4 / 72.0
 POSES = "x,y,rz\n500,290,30\n520,300,28\n480,310,33\n"

@@ -23,7 +23,7 @@ from ppmcal.commands.certify.content import (
     blocks,
     title,
 )
-from ppmcal.commands.certify.errormap import HEIGHT, WIDTH, draw
+from ppmcal.commands.certify.page import HEIGHT, WIDTH, draw
 from ppmcal.io.results.certificate import CertificateRecord
 from ppmcal.plotting.style import INK, LINE, SOFT, look
 

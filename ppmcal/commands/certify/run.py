@@ -12,11 +12,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ppmcal.commands.certify.about import LARGEST, NONE, AboutFile, read_about
-from ppmcal.commands.certify.budget import COVERED, FAIL, Budget, decided
 from ppmcal.commands.certify.dcc import certificate_xml
 from ppmcal.commands.certify.evidence import Evidence, gathered, refuse_unknown_cause
 from ppmcal.commands.certify.figures import Figure
-from ppmcal.commands.certify.judge import budget, figures, places
+from ppmcal.commands.certify.judge import COVERED, FAIL, Budget, budget, decided, figures, places
 from ppmcal.commands.certify.options import CertifyArguments
 from ppmcal.commands.certify.page import html_page
 from ppmcal.commands.certify.pdf import pdf_pages
@@ -116,7 +115,10 @@ def run(asked: CertifyArguments) -> CertificateResult:
     about, folder = read_about(asked.about), Path(asked.identified)
     given = asked.validation
     evidence = gathered(folder, [given] if isinstance(given, str | os.PathLike) else given)
-    _refuse_diagnosis(folder)
+    diagnosed = folder / "diagnosis.json"
+    if diagnosed.is_file():
+        verdict = str(json.loads(diagnosed.read_bytes()).get("verdict", ""))
+        refuse_unknown_cause(verdict, str(diagnosed))
     _refuse_instrument(about, evidence, str(asked.about))
     found, uncertain = figures(evidence, about), budget(evidence, about)
     source = source_of("certify", [str(asked.about), *evidence.inputs], None)
@@ -126,12 +128,6 @@ def run(asked: CertifyArguments) -> CertificateResult:
                            path, "Run certify again")
     record = recorded(about, evidence, found, uncertain, source, folder)
     return CertificateResult(source, record.findings, evidence.mechanism, record)
-
-
-def _refuse_diagnosis(folder: Path) -> None:
-    path = folder / "diagnosis.json"
-    if path.is_file():
-        refuse_unknown_cause(str(json.loads(path.read_bytes()).get("verdict", "")), str(path))
 
 
 def _refuse_instrument(about: AboutFile, evidence: Evidence, path: str) -> None:
@@ -181,7 +177,8 @@ def recorded(about: AboutFile, evidence: Evidence, found: list[Figure], uncertai
         rows=tuple(CertifiedRow.filled(None, units, place=tuple(p.tolist()), error=e)
                    for p, e in places(evidence)),
         findings=(*failed, *told), units=mechanism.units,
-        digests=_certified(folder), provenance=Provenance(**source))
+        digests={n: w.digest for n, w in sorted(read_record(folder).files.items())},
+        provenance=Provenance(**source))
 
 
 def _people(about: AboutFile, units: MachineUnits) -> dict[str, Any]:
@@ -267,11 +264,6 @@ def _validity(mechanism: Mechanism, units: MachineUnits) -> tuple[CertifiedRange
             out.append(CertifiedRange.filled(None, units, name=name, low=low, high=high,
                                              unit=quantity))
     return tuple(out)
-
-
-def _certified(folder: Path) -> dict[str, str]:
-    """Return name -> SHA-256 of what the calibration wrote."""
-    return {n: w.digest for n, w in sorted(read_record(folder).files.items())}
 
 
 # ---- in words

@@ -28,8 +28,7 @@ from ppmcal.calibration.compensation import compensate as compensated
 from ppmcal.calibration.fit import secondary
 from ppmcal.calibration.knowledge import extrapolated, measured_ranges
 from ppmcal.commands.compensate.options import CompensateArguments
-from ppmcal.commands.inputs import files_of, load, place_of, refuse_unrecorded
-from ppmcal.commands.own_data import refuse_unfit
+from ppmcal.commands.inputs import files_of, load, place_of, refuse_unfit, refuse_unrecorded
 from ppmcal.commands.result import CalibratedMachine, Result
 from ppmcal.commands.spec import Machine, Path_
 from ppmcal.errors import BadInput, NoResult, unknown

@@ -8,16 +8,114 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 from ppmcal.calibration.compensation import Readings
+from ppmcal.calibration.fit import Noise
 from ppmcal.calibration.knowledge import FreedomChoice, Identifiability
 from ppmcal.calibration.validation import Identification, Residuals
-from ppmcal.commands.identify.told import told
 from ppmcal.commands.result import Result
 from ppmcal.io.results.batch import CampaignQuantity, fit_quantities
+from ppmcal.io.results.campaign import campaign_sentences
+from ppmcal.io.results.gross_errors import row_sentences
+from ppmcal.io.results.identifiability import flat_sentences, unidentifiable_words
 from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.io.results.identification_parts import before_words
+from ppmcal.io.results.identification_wording import noise_verdict, short_intervals
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.store.output import Content
-from ppmcal.wording.told import Told
+from ppmcal.wording import abbreviate_list, number, pluralize
+from ppmcal.wording.told import Findings, ShortTable, Told
+
+PRIOR_DOMINATED = 0.8
+"""A parameter known to this part of its tolerance is constrained by the prior, not the data."""
+SHOWN = 12
+"""Parameters that are shown."""
+
+
+def told(found: Identification, record: IdentificationRecord) -> Iterator[Told]:
+    """Yield what a person wants to know, and what needs a look above the rows left out."""
+    fit = found.fit
+    rows = sum(int(k.sum()) for k in fit.keep)
+    open_ = len(found.columns) - len(fit.problem.free)
+    more = f" and {open_} of frames and targets" if open_ else ""
+    yield (f"{record.name}: {len(fit.problem.free)} parameters{more} from {rows} rows, "
+           f"{pluralize(fit.iterations, 'iteration')}; rank {found.rank} of {len(found.columns)}.")
+    yield from _errors(record)
+    yield from _noise(record.noise)
+    yield from _parameters(record)
+    yield from _redundant(record, fit.by_tolerances)
+    if fit.by_tolerances:
+        yield from _prior_dominated(record)
+    yield from record.identifiability.sentences()
+    yield from flat_sentences(record.flats)
+    yield from campaign_sentences(record.campaign)
+    yield Findings(record.all_findings())
+    yield from row_sentences(record.gross_errors, found.mechanism)
+    yield from record.gross_errors.unchecked_sentences()
+
+
+def _errors(record: IdentificationRecord) -> Iterator[Told]:
+    """Yield errors before, after and on what was held out."""
+    stages = record.residual
+    told = [(label, name, f) for label, found in (
+        ("before", stages.before), ("after", stages.after), ("held out", stages.holdout))
+        for name, f in found.items()]
+    # gaps of limbs have signs, and no mean of their sizes
+    alone = bool(told) and all(name == "closure" for _, name, _ in told)
+    kinds = ("rms", "max") if alone else ("mean", "rms", "p95", "max")
+    yield ShortTable(["", "error", *kinds, "unit"], [
+        [label, name, *(number(getattr(f, k)) for k in kinds), f.unit] for label, name, f in told],
+        tuple(range(2, 2 + len(kinds))))
+    yield f"Held out: {record.holdout_note}.{before_words(stages.before_is)}"
+
+
+def _noise(n: Noise) -> Iterator[Told]:
+    repeats = (f" Repeats scatter {n.repeat_ratio:.3g} times the {n.source} noise."
+               if n.repeat_ratio else "")
+    yield f"Noise: {noise_verdict(n)[0]}.{repeats}"
+    if len(n.by_dataset) > 1:
+        ratios = ", ".join(f"{name} {number(r, 3)}" for name, r in n.by_dataset.items())
+        yield f"By file: {ratios}."
+
+
+def _parameters(record: IdentificationRecord) -> Iterator[Told]:
+    """Yield the parameters that moved farthest, in tolerances."""
+    free = [p for p in record.parameters if p.status != "fixed"]
+    shown = sorted(free, key=lambda p: -abs(p.error or 0.0) / (p.tolerance or 1.0))[:SHOWN]
+    if shown:
+        wider = any(p.sigma_sessions is not None for p in shown)
+        yield ShortTable(
+            ["parameter", *["nominal"] * (not wider), "error", "+- 95 %", *["by noise"] * wider,
+             "unit", "status"],
+            [[p.name, *[number(p.nominal, 7)] * (not wider), number(p.error), number(p.half, 3),
+              *[number(p.by_noise, 3)] * wider, p.unit,
+              p.status + ", sessions disagree" * bool(p.disagree)] for p in shown], (1, 2, 3))
+        if wider:
+            yield ("By noise: the 95 % interval of noise alone; +- 95 % also counts how far "
+                   "sessions, or parts of one, differ.")
+    for sentence in short_intervals(record.method):
+        yield f"{sentence}."
+    if len(free) > len(shown):
+        yield (f"The {len(shown)} largest errors against tolerance; all {len(free)} in "
+               "parameters.csv.")
+
+
+def _prior_dominated(record: IdentificationRecord) -> Iterator[Told]:
+    """Yield what the data hardly know better than the nominal values' tolerances."""
+    found = sorted(((p.of_tolerance or 0.0, p.name) for p in record.parameters
+                    if p.status == "identified" and (p.of_tolerance or 0.0) > PRIOR_DOMINATED),
+                   key=lambda h: -h[0])
+    if found:
+        names = [f"{name} ({ratio:.2f})" for ratio, name in found]
+        yield ("Constrained by the prior rather than by these data (posterior sigma over "
+               f"tolerance): {abbreviate_list(names, 'parameters.csv')}.")
+
+
+def _redundant(record: IdentificationRecord, prior: bool) -> Iterator[Told]:
+    if record.unidentifiable:
+        count = sum(s.combinations for s in record.unidentifiable)
+        how = "held by the prior" if prior else "left at nominal"
+        yield (f"{pluralize(count, 'combination')} of parameters not determined by these data "
+               f"({how}): {unidentifiable_words(record.unidentifiable)}.")
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -11,9 +11,9 @@ from ppmcal.calibration.compensation import PoseRows
 from ppmcal.calibration.fit import secondary, stretched
 from ppmcal.commands.inputs import files_of, load, place_of, refuse_unrecorded
 from ppmcal.commands.kinematics.options import KinematicsArguments
-from ppmcal.commands.kinematics.result import KinematicsResult
-from ppmcal.commands.kinematics.uncertainty import (
+from ppmcal.commands.kinematics.result import (
     CarriedKnowledge,
+    KinematicsResult,
     Solve,
     SolvedRows,
     carried,

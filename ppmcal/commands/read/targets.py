@@ -58,7 +58,9 @@ def with_targets(points: Table, names: str | None, rows: Sequence[str] = (),
     if {_last(n) for n in whole} & mine:
         return points, ()
     groups, what = [n.rpartition("::")[0] for n in whole], [_last(n) for n in whole]
-    if len(set(groups)) > 1 and (_recur(groups, what) or {_last(g) for g in groups} & mine):
+    if len(set(groups)) > 1 and (
+            len(set(what)) < len(set(zip(groups, what, strict=True)))    # names in several groups
+            or {_last(g) for g in groups} & mine):
         if not {_last(g) for g in groups} & mine and len(set(what)) > len(set(groups)):
             raise BadInput(f"points of the same names ({_listed(what)}) stand in several groups "
                            f"({_listed(groups)})", points.source, "If the groups are targets on "
@@ -75,11 +77,6 @@ def with_targets(points: Table, names: str | None, rows: Sequence[str] = (),
 
 def _last(name: str) -> str:
     return name.rpartition("::")[2].strip()
-
-
-def _recur(groups: Sequence[str], names: Sequence[str]) -> bool:
-    """Whether names stand in several groups."""
-    return len(set(names)) < len(set(zip(groups, names, strict=True)))
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -70,7 +70,10 @@ def run(asked: SensitivityArguments) -> SensitivityResult:
                        "Write one above 0, such as 3")
     looked = every_component(machine) if asked.all_components else machine
     if asked.free:
-        looked = _narrowed(looked, tuple(asked.free))
+        for pattern in unmatched(looked.parameters, asked.free):
+            raise unknown("parameter", pattern, looked.names, "--free")
+        looked = replace(looked, free=tuple(i for i, p in enumerate(looked.parameters)
+                                            if any(p.matches(t) for t in asked.free)))
     wanted = (mesh.poses(machine) if mesh else None if asked.poses is None
               else read_poses(asked.poses, machine).poses)
     named = tuple(asked.together)
@@ -100,13 +103,6 @@ def _size(machine: Mechanism, together: tuple[str, ...], size: float | None) -> 
     named = [p for i in machine.free for p in (machine.parameters[i],)
              if any(p.matches(t) for t in together)]
     return size * machine.units.factor(named[0].quantity if named else "length")
-
-
-def _narrowed(machine: Mechanism, patterns: tuple[str, ...]) -> Mechanism:
-    for pattern in unmatched(machine.parameters, patterns):
-        raise unknown("parameter", pattern, machine.names, "--free")
-    return replace(machine, free=tuple(
-        i for i, p in enumerate(machine.parameters) if any(p.matches(t) for t in patterns)))
 
 
 def _ranking(found: Sensitivity) -> ShortTable:

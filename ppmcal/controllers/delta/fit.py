@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,17 @@ from ppmcal.controllers.delta.machine import (
     reached,
 )
 from ppmcal.controllers.delta.machine import axis as tower_axis
-from ppmcal.controllers.export import AXIS_OFFSET, NotExpressed, effects_lacking, offset_words
+from ppmcal.controllers.export import (
+    AXIS_OFFSET,
+    Exported,
+    NotExpressed,
+    Number,
+    effects_lacking,
+    head,
+    misread,
+    offset_words,
+    refuse_poses,
+)
 from ppmcal.controllers.pose_errors import ErrorSummary, PlanarMotion, rms
 from ppmcal.errors import NoResult
 from ppmcal.linalg import Array, Bools, finite_rows, guarded
@@ -243,3 +254,36 @@ def _notes(drive: DeltaDrive, removed: PlanarMotion, firmware: DeltaFirmware[Any
                    "shows", NOTE)
     if any(v.get(f"{part}.point.z", 0.0) for v in values for part in ("base", "platform")):
         yield Note(f"heights of joints went into {firmware.endstops}", NOTE)
+
+
+def export_delta(firmware: DeltaFirmware[Any, Any], mechanism: Mechanism, old: Path | None,
+                 poses: Path | None) -> Exported:
+    """Return the machine in a firmware's numbers; see :class:`ppmcal.controllers.export.Exporter`.
+
+    Raises:
+        BadInput: no linear delta, or an option without use.
+        NoResult: the lines would not be read as meant, or the firmware would not take them.
+    """
+    refuse_poses(firmware.name, poses)
+    config = None if old is None else firmware.read(old)
+    found = project(mechanism, firmware, None if config is None else firmware.numbers(config))
+    notes = (*found.notes, *firmware.notes(found))
+    text = firmware.text(found.new, head(mechanism.name, found.before, found.after,
+                                         found.not_expressed, notes, firmware.how(found.new)))
+    if firmware.numbers(firmware.parse(text, firmware.file)) != found.new:
+        raise misread(firmware.file)
+    firmware.check(found.new, mechanism.source)
+    before = {(name, unit): value for name, unit, value in firmware.table(found.old)}
+    return Exported(
+        firmware.name, firmware.title, {firmware.file: text},
+        f"{firmware.title}'s numbers hold "
+        + ("all of the geometry" if found.exact else firmware.fitted),
+        tuple(Number(name, before.get((name, unit)), value, unit)
+              for name, unit, value in firmware.table(found.new)),
+        f"{len(found.points)} points, {found.radius * 1e3:.0f} mm around the middle, z 0 to 100 "
+        "mm; offset and rotation on the bed ignored",
+        found.before, found.after, found.not_expressed, notes,
+        tuple(firmware.advice(found, old, config)),
+        {"grid": {"points": len(found.points), "radius": found.radius / MM,
+                  "part_of_radius": DISC, "z": [z / MM for z in HEIGHTS]}},
+        np.pad(found.points, ((0, 0), (0, 3))))

@@ -79,25 +79,18 @@ def triple(values: Array) -> Triple:
     return float(values[0]), float(values[1]), float(values[2])
 
 
-def tower_heights(geometry: DeltaGeometry, point: Array) -> Array:
-    """Return the carriage heights (N, 3) that the firmware wants for points (N, 3), m.
+def travel(geometry: DeltaGeometry, point: Array) -> Array:
+    """Return how far below its endstop each carriage goes for points (N, 3), (N, 3), m.
 
     nan where a rod does not reach.
     """
+    arms = np.array(geometry.arms)
+    top = np.array(geometry.endstops) + np.sqrt(arms**2 - geometry.radius**2)
     angle = np.radians(geometry.angles)
     foot = geometry.radius * MM * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     away = np.sum((foot - point[:, None, :2]) ** 2, axis=-1)
     with np.errstate(invalid="ignore"):
-        up: Array = np.sqrt((np.array(geometry.arms) * MM) ** 2 - away) + point[:, 2:]
-    return up
-
-
-def travel(geometry: DeltaGeometry, point: Array) -> Array:
-    """Return how far below its endstop each carriage goes for points (N, 3), (N, 3), m."""
-    arms = np.array(geometry.arms)
-    top = np.array(geometry.endstops) + np.sqrt(arms**2 - geometry.radius**2)
-    out: Array = top * MM - tower_heights(geometry, point)
-    return out
+        return np.asarray(top * MM - (np.sqrt((arms * MM) ** 2 - away) + point[:, 2:]))
 
 
 def above_zero(value: float, place: str) -> float:

@@ -91,11 +91,17 @@ def _not_expressed(mechanism: Mechanism, tables: tuple[CorrectionTable, ...], tr
            ) -> Iterator[NotExpressed]:
     """Yield what tables of single joints cannot hold."""
     names = mechanism.names
-    changed = geometry_parameters(mechanism)
+    drives = joint_parameters(mechanism)
+    others = {*drives, *(p for e in mechanism.effects for p in e.parameters.values())}
+    changed = [i for i, p in enumerate(mechanism.parameters)
+               if i not in others and p.value != p.nominal]
     if changed:
+        g = mechanism.values.copy()
+        g[drives] = mechanism.nominals[drives]
+        alone = replace(mechanism.with_values(g), effects=())
         yield NotExpressed(f"the geometry beside the joints, {len(changed)} changed numbers",
                            tuple(names[p] for p in changed),
-                           predicted_errors(geometry_alone(mechanism), trial))
+                           predicted_errors(alone, trial))
     shared, short = drives_of_unequal_limbs(mechanism), [t for t in tables if t.coarse]
     if shared or short:
         cost = predicted_errors(joints_alone(mechanism), trial, tables)
@@ -103,7 +109,7 @@ def _not_expressed(mechanism: Mechanism, tables: tuple[CorrectionTable, ...], tr
             yield NotExpressed(
                 f"limbs on one drive, {', '.join(shared)}, with joint errors of their own: the "
                 "table has their mean",
-                tuple(names[p] for p in joint_parameters(mechanism)), cost)
+                tuple(names[p] for p in drives), cost)
         if short:
             yield NotExpressed(f"what {MOST} points cannot follow of "
                                f"{', '.join(t.actuator for t in short)}", (), cost)
@@ -125,22 +131,6 @@ def joints_alone(mechanism: Mechanism) -> Mechanism:
     own = [p for e in effects for p in e.parameters.values()]
     g[own] = mechanism.values[own]
     return replace(mechanism.with_values(g), effects=effects)
-
-
-def geometry_alone(mechanism: Mechanism) -> Mechanism:
-    """Return the machine with nominal drives and no effects."""
-    g = mechanism.values.copy()
-    drives = joint_parameters(mechanism)
-    g[drives] = mechanism.nominals[drives]
-    return replace(mechanism.with_values(g), effects=())
-
-
-def geometry_parameters(mechanism: Mechanism) -> list[int]:
-    """Return the indices of what else of the geometry is not nominal."""
-    others = {*joint_parameters(mechanism),
-              *(p for e in mechanism.effects for p in e.parameters.values())}
-    return [i for i, p in enumerate(mechanism.parameters)
-            if i not in others and p.value != p.nominal]
 
 
 def _notes(mechanism: Mechanism, tables: tuple[CorrectionTable, ...]) -> Iterator[Note]:

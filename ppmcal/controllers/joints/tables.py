@@ -178,15 +178,6 @@ def drives_of_unequal_limbs(mechanism: Mechanism) -> list[str]:
             if np.any(np.ptp(off[:, [o == a for o in owners]], axis=1) > TARGET)]
 
 
-def controller_unit(mechanism: Mechanism, actuator: int) -> tuple[float, str]:
-    """Return SI value and name of the unit in which LinuxCNC counts a joint.
-
-    As in the mechanism file where LinuxCNC knows the unit, else mm; bare numbers stay bare.
-    """
-    factor, name = mechanism.joint_units[actuator]
-    return (LENGTHS["mm"], "mm") if name in ("m", "um") else (factor, name)
-
-
 def joint_tables(mechanism: Mechanism) -> tuple[CorrectionTable, ...]:
     """Return the table of each actuator over its limits.
 
@@ -202,8 +193,11 @@ def joint_tables(mechanism: Mechanism) -> tuple[CorrectionTable, ...]:
     check = _both_ways(mechanism, other)
     out = []
     for a, name in enumerate(mechanism.actuators):
-        factor, unit = controller_unit(mechanism, a)
-        slope = _slope(mechanism, a)
+        factor, unit = mechanism.joint_units[a]
+        if unit in ("m", "um"):    # which LinuxCNC does not count in; bare numbers stay bare
+            factor, unit = LENGTHS["mm"], "mm"
+        limb = next(limb for limb in mechanism.limbs if limb.actuator == a)
+        slope = abs(limb.slots.values(mechanism.nominals).get("ratio", 1.0))    # |du/dq|
         x, added = even[:, a], wanted[:, a] - even[:, a, None]
         chosen = knots(x, added, TARGET / slope, MOST)
         table = _table(mechanism, a, even[chosen], factor)
@@ -296,12 +290,6 @@ def _both_ways(mechanism: Mechanism, q: Array) -> Array:
     """Return the corrected commands in positive and in negative travel (n, k, 2)."""
     return np.stack([corrected_commands(mechanism, q, np.full_like(q, way))
                      for way in (1.0, -1.0)], axis=-1)
-
-
-def _slope(mechanism: Mechanism, actuator: int) -> float:
-    """Return |du/dq| of a joint of the nominal model."""
-    limb = next(limb for limb in mechanism.limbs if limb.actuator == actuator)
-    return abs(limb.slots.values(mechanism.nominals).get("ratio", 1.0))
 
 
 def table_command(table: Triplets, factor: float, q: Array, way: Array) -> Array:

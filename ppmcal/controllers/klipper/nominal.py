@@ -45,7 +45,10 @@ def read_nominal(config: Config, active: DeltaGeometry, rods: float | None = Non
         radius, radius_from = given, "--radius"
         findings += far_radius(given, active.radius)
     else:
-        radius, radius_from = _radius(config, body, active, findings)
+        radius, radius_from = _one(config, body, "printer", "delta_radius", active.radius)
+        if abs(radius - active.radius) > FAR:
+            findings.append(_placeholder("delta_radius", radius, active.radius, radius_from))
+            radius, radius_from = active.radius, _SAVED
     arms, arms_from, known = _rods(config, body, active, rods, findings)
     ends, ends_from = _towers(config, body, "position_endstop", active.endstops)
     if max(abs(e - own) for e, own in zip(ends, active.endstops, strict=True)) > FAR:
@@ -55,16 +58,6 @@ def read_nominal(config: Config, active: DeltaGeometry, rods: float | None = Non
     return nominal_of(
         config.source, DeltaGeometry(radius, _angles(body, active), arms, ends), active, origin,
         rods, {key for key, place in origin.items() if place == _SAVED}, known, findings)
-
-
-def _radius(config: Config, body: _Body, active: DeltaGeometry, findings: list[Note]
-            ) -> tuple[float, str]:
-    """Return the radius and where it is from; a placeholder is none."""
-    radius, origin = _one(config, body, "printer", "delta_radius", active.radius)
-    if abs(radius - active.radius) <= FAR:
-        return radius, origin
-    findings.append(_placeholder("delta_radius", radius, active.radius, origin))
-    return active.radius, _SAVED
 
 
 def _placeholder(key: str, value: float, now: float, origin: str) -> Note:

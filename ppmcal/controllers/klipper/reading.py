@@ -62,6 +62,9 @@ def read_printer(path: str | os.PathLike[str], rods: float | None = None,
     findings = [Note(f"[include {name}] is not beside the file, and not followed: what stands "
                      "there is not known") for name in config.includes]
     findings += _overruled(config)
+    own = config.as_saved().sections
+    saved = any(key in own.get(section, {}) and own[section][key].saved
+                for section, key in _GEOMETRY)
     if not heights and not beds:
         held = ", ".join(_mesh_names(config))
         findings.append(Note(
@@ -72,15 +75,8 @@ def read_printer(path: str | os.PathLike[str], rods: float | None = None,
         findings.append(Note(
             f"{len(heights)} heights cannot tell 6 parameters apart: measure more"))
     findings += [*nominal.findings, *(f for bed in beds for f in bed.findings)]
-    return Printer(str(path), geometry, (a, b, c), nominal, _saved(config), tuple(heights),
+    return Printer(str(path), geometry, (a, b, c), nominal, saved, tuple(heights),
                    tuple(distances), beds, tuple(findings), result, config.files)
-
-
-def _saved(config: Config) -> bool:
-    """Return whether the printer saved numbers of its geometry itself."""
-    sections = config.as_saved().sections
-    return any(key in sections.get(section, {}) and sections[section][key].saved
-               for section, key in _GEOMETRY)
 
 
 def _equal(one: str, two: str) -> bool:

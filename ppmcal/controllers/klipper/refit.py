@@ -14,9 +14,9 @@ import numpy as np
 import yaml
 
 from ppmcal.calibration.fit import Fit, FitOptions, Problem, identify
-from ppmcal.controllers.delta.before import touches
 from ppmcal.controllers.delta.files import SHRUNK, machine_yaml
 from ppmcal.controllers.delta.geometry import ANGLES, MM, TOWERS, DeltaGeometry
+from ppmcal.controllers.delta.importer import touches
 from ppmcal.controllers.delta.printer import Printer
 from ppmcal.errors import PpmcalError
 from ppmcal.io import read_mechanism

@@ -19,17 +19,21 @@ from ppmcal.controllers.export import (
     misread,
     offset_words,
 )
-from ppmcal.controllers.linuxcnc.arithmetic import (
+from ppmcal.controllers.linuxcnc.fit import (
+    EXACT,
     GenhexkinsSetting,
     LinuxcncDrive,
+    best,
     commands,
     drive_of,
     genhexkins_setting,
+    grid,
     joints,
+    predicted_errors,
     reached,
     rounded,
+    within,
 )
-from ppmcal.controllers.linuxcnc.fit import EXACT, best, grid, predicted_errors, within
 from ppmcal.controllers.linuxcnc.hal import (
     STRUTS,
     HexapodGeometry,

@@ -180,7 +180,8 @@ def _listed(lines: list[str], path: Path) -> tuple[list[RopeRun], list[str]]:
         single = listed and len(rows) == 1 and bool(runs) and runs[-1].listed
         if goes_on or single:
             runs[-1].rows += rows
-        elif listed and runs and runs[-1].listed and _begins(rows, runs[-1].rows):
+        elif listed and runs and runs[-1].listed and [r for _, r in rows[:len(runs[-1].rows)]] == [
+                r for _, r in runs[-1].rows]:
             growing += 1
             runs[-1].rows = rows
         else:
@@ -192,12 +193,6 @@ def _listed(lines: list[str], path: Path) -> tuple[list[RopeRun], list[str]]:
     return [RopeRun(np.array([row for _, row in run.rows]),
                      f"lines {run.first} to {run.rows[-1][0]}" if run.rows[-1][0] > run.first
                      else f"line {run.first}") for run in runs], told
-
-
-def _begins(rows: list[tuple[int, tuple[float, ...]]], before: list[tuple[int, tuple[float, ...]]]
-            ) -> bool:
-    """Return whether rows begin with all of those before."""
-    return [row for _, row in rows[:len(before)]] == [row for _, row in before]
 
 
 def _readings(line: str, where: str) -> Iterator[tuple[float, ...]]:

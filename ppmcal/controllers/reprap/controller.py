@@ -8,21 +8,21 @@ from pathlib import Path
 
 import numpy as np
 
-from ppmcal.controllers.delta.export import export_delta
 from ppmcal.controllers.delta.firmware import DeltaFirmware, DeltaFit
+from ppmcal.controllers.delta.fit import export_delta
 from ppmcal.controllers.delta.gcode import Lines
 from ppmcal.controllers.delta.geometry import DeltaGeometry
 from ppmcal.controllers.delta.importer import printer_importer
-from ppmcal.controllers.reprap.config import (
+from ppmcal.controllers.reprap.reading import (
     Delta,
     delta_of,
     format_delta,
     parse,
     read_delta,
     read_lines,
+    read_printer,
     travel,
 )
-from ppmcal.controllers.reprap.reading import read_printer
 from ppmcal.notes import NOTE, Note
 
 FAR = 5.0

@@ -132,13 +132,8 @@ def export_ropes(firmware: RopeFirmware, mechanism: Mechanism, old: Path | None,
 
 def _machine(firmware: RopeFirmware, mechanism: Mechanism) -> _Machine:
     order = firmware.order(mechanism)
-    ropes, nominal = (_ordered(rope_geometry(m), order) for m in (mechanism, mechanism.nominal()))
+    ropes, nominal = (rope_geometry(m, order) for m in (mechanism, mechanism.nominal()))
     return _Machine(mechanism, ropes, nominal, order, firmware.frame(mechanism, ropes))
-
-
-def _ordered(ropes: RopeGeometry, order: list[int]) -> RopeGeometry:
-    return RopeGeometry(ropes.anchors[order], ropes.offset[order], ropes.ratio[order],
-                        tuple(ropes.actuators[i] for i in order))
 
 
 def _present(firmware: RopeFirmware, machine: _Machine, old: Path | None) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,8 +38,8 @@ def holds_a_point(mechanism: Mechanism, coordinates: tuple[str, ...], least: int
             and len({limb.actuator for limb in limbs}) == len(limbs))
 
 
-def rope_geometry(mechanism: Mechanism) -> RopeGeometry:
-    """Return the ropes of a machine at its values."""
+def rope_geometry(mechanism: Mechanism, order: Sequence[int] = ()) -> RopeGeometry:
+    """Return the ropes of a machine at its values, in an order of limbs  [default: the file's]."""
     model, home = Model(mechanism), np.atleast_2d(mechanism.home)
     k = len(mechanism.actuators)
     none, one = np.zeros((1, k)), np.ones((1, k))
@@ -47,5 +48,6 @@ def rope_geometry(mechanism: Mechanism) -> RopeGeometry:
     anchors = np.array([(limb.base_point - limb.platform_point)[0] + place for limb in limbs])
     at = [np.array([float(model.joint_coordinate(i, q)[0]) for i in range(len(limbs))])
           for q in (none, one)]
-    return RopeGeometry(anchors, at[0], at[1] - at[0],
-                        tuple(limb.actuator for limb in mechanism.limbs))
+    own = list(order or range(len(limbs)))
+    return RopeGeometry(anchors[own], at[0][own], (at[1] - at[0])[own],
+                        tuple(mechanism.limbs[i].actuator for i in own))

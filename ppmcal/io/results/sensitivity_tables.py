@@ -18,7 +18,7 @@ from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import Grid
 from ppmcal.linalg import finite_rows
 from ppmcal.model.motions import POSE_COORDINATES
-from ppmcal.plotting.map_data import Map
+from ppmcal.plotting.map_panel import Map
 
 LISTED = 15
 LINEARITY = "Linear against nonlinear model at home"

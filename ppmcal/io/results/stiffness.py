@@ -28,7 +28,7 @@ from ppmcal.io.results.stiffness_wording import findings, sentences
 from ppmcal.io.results.tables import map_table, unit_map
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
-from ppmcal.plotting.map_data import Map
+from ppmcal.plotting.map_panel import Map
 from ppmcal.store.provenance import Provenance
 from ppmcal.units import ByCoordinate, Length, OfUnit
 

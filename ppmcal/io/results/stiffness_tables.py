@@ -14,7 +14,7 @@ from ppmcal.io.results.record import Part, Shown, Text
 from ppmcal.kinematics.region import Grid
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.plotting.map_data import Map
+from ppmcal.plotting.map_panel import Map
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 FORCE = "force_"

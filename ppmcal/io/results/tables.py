@@ -21,7 +21,7 @@ from ppmcal.linalg import Array
 from ppmcal.model.instruments import is_own_reading, number_names
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
-from ppmcal.plotting.map_data import Map
+from ppmcal.plotting.map_panel import Map
 from ppmcal.store.inputs import read_bytes, read_pieces
 from ppmcal.units import coordinate_quantity
 

@@ -22,7 +22,7 @@ from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.kinematics.tables import limit_reason
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.plotting.map_data import Map
+from ppmcal.plotting.map_panel import Map
 
 
 @dataclass(frozen=True, eq=False)
