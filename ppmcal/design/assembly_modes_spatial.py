@@ -9,7 +9,6 @@ over all rotations and over a box about the base, batch by batch, until batches 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
@@ -126,19 +125,18 @@ def point_pair(closure: Closure) -> FoundModes:
     Raises:
         NoResult: the centres are on one line; then there are infinitely many poses or none.
     """
-    surfaces = origin_surfaces(closure)
-    plane = surfaces[len(closure.fixed[0]):]
-    for spheres in combinations(surfaces[:len(closure.fixed[0])], 3 - len(plane)):
-        pair = cga.meet(*spheres, *plane)
+    reach = closure.model.mechanism.reach
+    for surfaces in origin_surfaces(closure):
+        pair = cga.meet(*surfaces)
         flat, square = cga.middle(pair), cga.pair_radius_squared(pair)
-        reach = closure.model.mechanism.reach
-        if not np.isfinite(flat).all() or np.max(np.abs(flat)) > 1e6 * reach:
-            continue
-        near = np.abs(square) < 1e-12 * reach * reach
-        places = flat[None] if near else cga.coordinates(np.stack(cga.split(pair)[:2]))
-        if not np.isfinite(places).all():
-            places = np.zeros((0, 3))
-        turn = np.broadcast_to(closure.model.mechanism.home_pose[3:], places.shape)
-        return closing(closure, cga.motor_from_rotation_vector(turn, places))
-    raise NoResult("the centres of the three spheres are on one line: infinitely many poses "
-                   "close at these joint values, or none", PLACE, "Choose other joint values")
+        if np.isfinite(flat).all() and np.max(np.abs(flat)) <= 1e6 * reach:
+            break
+    else:
+        raise NoResult("the centres of the three spheres are on one line: infinitely many poses "
+                       "close at these joint values, or none", PLACE, "Choose other joint values")
+    near = np.abs(square) < 1e-12 * reach * reach
+    places = flat[None] if near else cga.coordinates(np.stack(cga.split(pair)[:2]))
+    if not np.isfinite(places).all():
+        places = np.zeros((0, 3))
+    turn = np.broadcast_to(closure.model.mechanism.home_pose[3:], places.shape)
+    return closing(closure, cga.motor_from_rotation_vector(turn, places))

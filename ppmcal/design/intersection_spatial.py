@@ -20,7 +20,7 @@ meets, and the pose is that of three end points ([PPM] eq. 16-27).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 
@@ -46,22 +46,23 @@ def is_tripod(mechanism: Mechanism) -> bool:
         for limb in mechanism.limbs)
 
 
-def origin_surfaces(closure: Closure) -> list[Array]:
-    """Return three surfaces that the origin of a platform that never turns lies on; one row.
+def origin_surfaces(closure: Closure) -> list[tuple[Array, ...]]:
+    """Return threes of surfaces that the origin of a platform that never turns lies on; one row.
 
     A platform point b on a sphere about c is the origin on the sphere about c - R b; likewise for
-    planes. In the plane, that one is the third.
+    planes. In the plane, that one is the third. Surplus limbs make more threes than one.
     """
     mechanism = closure.model.mechanism
     turned = cga.motor_from_rotation_vector(mechanism.home_pose[3:], np.zeros(3))
     arm = cga.move_point(turned, cga.coordinates(closure.moving[0]))
     plane = [cga.plane(np.array([0.0, 0.0, 1.0]), 0.0)] if mechanism.motion.planar else []
-    return [*cga.move_vector(cga.translator(-arm), closure.fixed[0]), *plane]
+    of_limbs = cga.move_vector(cga.translator(-arm), closure.fixed[0])
+    return [(*few, *plane) for few in combinations(of_limbs, 3 - len(plane))]
 
 
 def translational_poses(closure: Closure) -> Array:
     """Return motors (n, 8) of a machine that never turns, n at most two; one row of joints."""
-    turn, surfaces = closure.model.mechanism.home_pose[3:], origin_surfaces(closure)
+    turn, surfaces = closure.model.mechanism.home_pose[3:], origin_surfaces(closure)[0]
     with np.errstate(divide="ignore", invalid="ignore"):
         places = cga.coordinates(np.stack(cga.split(cga.meet(*surfaces))[:2]))
     places = places[finite_rows(places)]

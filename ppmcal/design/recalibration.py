@@ -33,10 +33,11 @@ from ppmcal.design.virtual_instrument import Instrument
 from ppmcal.errors import PpmcalError
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import newton
+from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.least_squares_closure import surplus, unexplained
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.registration import predict
-from ppmcal.linalg import Array, svd
+from ppmcal.linalg import Array, finite_rows, svd
 from ppmcal.model.dataset import Dataset, unknown_environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import Motion
@@ -46,8 +47,8 @@ ROUNDS = 12
 SETTLED = 1e-3
 """A fit has settled when a step changes no column by more than this part of its deviation."""
 UNSEEN = 1e-12
-FOLLOWING = 5
-"""Newton steps of joints that follow a platform: from errors of a thousandth to round-off."""
+NOISY = 3
+"""Newton steps from exact readings to noisy ones; two are enough for noise of 1e-4 of the reach."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +183,10 @@ def alone(
     real, there, _ = newton(model.closure(setup.q), pose_motor(setup.pose))
     raw = np.asarray(linalg.solve(linear.white, noise[..., None])[..., 0], dtype=np.float64)
     seen, gaps = np.split(raw, [raw.shape[1] - mechanism.surplus], axis=1)
-    q = readings(model, setup.q, real, gaps)
+    q = setup.q
+    if mechanism.surplus:
+        q = readings(model, real, gaps)
+        there &= finite_rows(q)
     data = perturbed(instrument.dataset(q, pose_vector(real), {}, mechanism), seen,
                      mechanism.motion)
     free = list(setup.problem.free) if linear.geometry else []
@@ -222,8 +226,10 @@ def _chord(
     owner, open_ = np.repeat(np.arange(m), n), problem.opens[0]
     q, start = np.tile(setup.q, (m, 1)), np.tile(pose_motor(setup.pose), (m, 1))
     truth = setup.instrument.registration
-    real, reached, _ = newton(Model(mechanism, g[owner]).closure(q), start)
-    q = readings(Model(mechanism, g[owner]), q, real, np.zeros((m * n, mechanism.surplus)))
+    true = Model(mechanism, g[owner])
+    real, reached, _ = newton(true.closure(q), start)
+    if mechanism.surplus:
+        q = inverse(true, real).q  # what encoders show: limbs follow the pose that all agree on
     shown = predict(truth, real)
     now = Calibrated(np.tile(mechanism.values, (m, 1)), Registration(
         np.tile(truth.frame, (m, 1)), np.tile(truth.target, (m, 1)),
@@ -251,15 +257,13 @@ def _chord(
     return replace(now, settled=usable & small.all(axis=1))
 
 
-def readings(model: Model, q: Array, pose: Array, gaps: Array) -> Array:
-    """Return the joints (R, k) that a machine shows at poses (R, 8): surplus limbs follow it.
+def readings(model: Model, pose: Array, gaps: Array) -> Array:
+    """Return the joints (R, k) that encoders of surplus limbs show at poses (R, 8).
 
-    ``q`` (R, k): what was commanded, at which the limbs of a machine that is off contradict each
-    other; ``gaps`` (R, s): what the readings are to miss of the closure, m.
+    They are nan beyond reach. ``gaps`` (R, s): what they are to miss of the closure, m, by noise.
     """
-    if not model.mechanism.surplus:
-        return q
-    for _ in range(FOLLOWING):
+    q = inverse(model, pose).q
+    for _ in range(NOISY):
         closure = model.closure(q)
         c, lines = closure.misclosure_and_lines(pose)
         own = surplus(model.mechanism, closure.pose_matrix(pose, lines))

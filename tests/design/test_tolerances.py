@@ -195,7 +195,7 @@ def test_readings_follow_the_platform_and_miss_the_closure_as_asked(name: str) -
     gaps = rng.normal(size=(len(pose), m.surplus)) * 1e-4
     own = unexplained(model.closure(one.setup.q), pose)
     assert there.all() and np.abs(own).max() > 1e-6
-    found = unexplained(model.closure(readings(model, one.setup.q, pose, gaps)), pose)
+    found = unexplained(model.closure(readings(model, pose, gaps)), pose)
     assert np.abs(found + gaps).max() < 1e-12
 
 

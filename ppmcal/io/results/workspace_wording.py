@@ -14,6 +14,7 @@ from ppmcal.io.results.workspace_tables import (
     size_word,
 )
 from ppmcal.kinematics.tables import SINGULAR_HOME
+from ppmcal.linalg import Array
 from ppmcal.notes import Note
 
 LISTED = 10
@@ -49,20 +50,19 @@ def singularities(found: Workspace) -> list[str]:
     near = found.nearest
     if near is None:
         joined = bool((found.table.singular_value >= 0.0).any())
-        if not joined:
-            return ["No pose of this grid has joint values."]
-        return [_weakest(found) if found.mechanism.surplus and found.reached.any() else
-                "No singularity on this grid: det A keeps its sign wherever the limbs reach."]
+        if joined and found.mechanism.surplus:
+            return _weakest(found)
+        return ["No singularity on this grid: det A keeps its sign wherever the limbs reach."
+                if joined else "No pose of this grid has joint values."]
     units, quantity = found.mechanism.units, found.distance_quantity
     scale = units.words(found.mechanism.length_scale, "length")
     mixed = len({c >= 3 for c in found.grid.coordinates}) > 1
     count = len(found.singular)
-    where = ", ".join(f"{name} {v[0]}" for name, v in
-                      places(found.mechanism, near.pose[None]).items())
     out = ["Nearest singularity to home on this grid: "
            + units.words(near.distance, quantity)
            + (f" (rotations times {scale})" if mixed else "")
-           + f", at {where}; {count} singular pose{'' if count == 1 else 's'} in singular.csv."]
+           + f", at {_place(found, near.pose)}; {count} singular "
+           f"pose{'' if count == 1 else 's'} in singular.csv."]
     unsure = int((found.reached & ~found.sure).sum())
     if unsure:
         out.append(f"For {unsure} of {int(found.reached.sum())} reached poses the grid ends nearer "
@@ -74,15 +74,21 @@ def singularities(found: Workspace) -> list[str]:
     return out
 
 
-def _weakest(found: Workspace) -> str:
+def _weakest(found: Workspace) -> list[str]:
     """Return where surplus limbs hold the platform least: A there has no sign that could change."""
+    if not found.reached.any():
+        return []
     value = np.where(found.reached, found.table.singular_value, np.nan)
     row = int(np.nanargmin(value))
-    where = ", ".join(f"{name} {v[0]}" for name, v in
-                      places(found.mechanism, found.table.pose[row:row + 1]).items())
-    return ("With more limbs than freedoms, a grid may step over singular poses. Smallest singular "
-            f"value in reach: {value[row]:.3f} at {where} "
-            f"(home {found.home.singular_value[0]:.3f}).")
+    return ["With more limbs than freedoms, a grid may step over singular poses. Smallest singular "
+            f"value in reach: {value[row]:.3f} at {_place(found, found.table.pose[row])} "
+            f"(home {found.home.singular_value[0]:.3f})."]
+
+
+def _place(found: Workspace, pose: Array) -> str:
+    """Return a pose (6,) in words: its coordinates in the file's units."""
+    return ", ".join(f"{name} {v[0]}" for name, v in
+                     places(found.mechanism, pose[None]).items())
 
 
 def assembly_modes(found: Workspace, rows: Sequence[ModeRow]) -> list[str]:
