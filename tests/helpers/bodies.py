@@ -50,13 +50,18 @@ def turned(angle: Floats | float) -> Floats:
 
 def measured(seed: int, rows: int = 40, sigma: float = 0.01, joint: float = 0.0,
              names: Sequence[str] = tuple(MARKS), moved: Mapping[str, tuple[int, Sequence[float]]]
-             | None = None) -> Seen:
-    """Return a campaign of the true bench; ``moved``: marks that moved by so much from a row on."""
+             | None = None, slots: Sequence[str] = ("offset", "base.point.x", "base.point.y")
+             ) -> Seen:
+    """Return a campaign of the true bench; ``moved``: marks that moved by so much from a row on.
+
+    ``slots``: of each leg that are off their nominal values.
+    """
     rng = np.random.default_rng(seed)
-    errors = {f"leg{i + 1}.{slot}": float(rng.normal() * size) for i in range(3)
-              for slot, size in (("offset", 0.4), ("base.point.x", 0.5), ("base.point.y", 0.5))}
-    base = BASE + np.array([[errors[f"leg{i}.base.point.{c}"] for c in "xy"] for i in (1, 2, 3)])
-    offset = np.array([errors[f"leg{i}.offset"] for i in (1, 2, 3)])
+    errors = {f"leg{i + 1}.{slot}": float(rng.normal() * (0.4 if slot == "offset" else 0.5))
+              for i in range(3) for slot in slots}
+    base = BASE + np.array([[errors.get(f"leg{i}.base.point.{c}", 0.0) for c in "xy"]
+                            for i in (1, 2, 3)])
+    offset = np.array([errors.get(f"leg{i}.offset", 0.0) for i in (1, 2, 3)])
     place = np.array([500.0, 290.0]) + rng.uniform(-90.0, 90.0, (rows, 2))
     turn = turned(rng.uniform(-0.35, 0.35, rows))
     legs = np.linalg.norm(place[:, None] + PLATFORM @ np.swapaxes(turn, -1, -2) - base, axis=-1)

@@ -126,6 +126,7 @@ if TYPE_CHECKING:
         significant_improvement as significant_improvement,
     )
     from ppmcal.calibration.fit.registration_freedoms import surely as surely
+    from ppmcal.calibration.fit.response import Companion as Companion
     from ppmcal.calibration.fit.response import Response as Response
     from ppmcal.calibration.fit.response import Rows as Rows
     from ppmcal.calibration.fit.secondary_analyses import FAILURES as FAILURES

@@ -337,25 +337,56 @@ def white_measurements(data: Dataset, motion: Motion, rows: Ints | slice = slice
     return np.where(np.isfinite(own), own, 0.0), white, seen.sum(axis=1)
 
 
-def whitener(
-    view_: ResidualJacobian, sigma: Array, by_noise: Array | None, sigma_noise: Array
-) -> Array:
+def whitener(view_: ResidualJacobian, sigma: Array, carried: Array | None) -> Array:
     """Return W (n, m, m) with W W^T the inverse covariance's root: W r is white.
 
     Args:
         view_: the rows; unmeasured coordinates get a unit row of their own.
         sigma: standard deviations (n, m).
-        by_noise: d prediction / d(joints, and equations that gap) (n, m, k), or None without.
-        sigma_noise: their noise (k,), unit of q and m.
+        carried: what one sigma of each joint, and of each equation that gaps, does (n, m, k); None
+            where they have no noise.
     """
-    m = sigma.shape[1]
+    if carried is None:
+        return np.eye(sigma.shape[1]) / np.where(view_.observed, sigma, 1.0)[..., None]
+    return _root(covariance(view_, sigma, carried))
+
+
+def covariance(view_: ResidualJacobian, sigma: Array, carried: Array) -> Array:
+    """Return the noise's covariance (n, m, m), 1 where nothing was measured; as above."""
     safe = np.where(view_.observed, sigma, 1.0)
-    if by_noise is None or not np.any(sigma_noise > 0.0):
-        return np.eye(m) / safe[..., None]
-    carried = by_noise * sigma_noise
-    carried = np.where(view_.observed[..., None], carried, 0.0)
-    covariance = carried @ np.swapaxes(carried, -1, -2) + np.eye(m) * (safe**2)[..., None]
+    own = np.where(view_.observed[..., None], carried, 0.0)
+    alone = np.eye(sigma.shape[1]) * (safe**2)[..., None]
+    return np.asarray(own @ np.swapaxes(own, -1, -2) + alone)
+
+
+def _root(covariance_: Array) -> Array:
+    """Return the inverse of a covariance's lower root (n, m, m)."""
     # scale to unit diagonal first: metres and radians differ by orders of magnitude
-    d = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-    root = linalg.cholesky(covariance / (d[..., :, None] * d[..., None, :]))
+    d = np.sqrt(np.diagonal(covariance_, axis1=-2, axis2=-1))
+    root = linalg.cholesky(covariance_ / (d[..., :, None] * d[..., None, :]))
     return np.asarray(linalg.inv(root) / d[..., None, :], dtype=float)
+
+
+def whitener_given(own: tuple[ResidualJacobian, Array, Array],
+                   others: Sequence[tuple[ResidualJacobian, Array, Array, Array | None]]) -> Array:
+    """Return (n, m, M) what makes rows white, given those of others whose joints are the same.
+
+    The last m rows of the inverse root of the covariance of all M values, the others' first
+    (Golub and Van Loan, 4.2.9). A row of less weight is believed as much less.
+
+    Args:
+        own: rows with their sigma (n, m) and what their joints do to them (n, m, k).
+        others: the same of each companion, and its rows' weights (n,).
+    """
+    blocks = [covariance(*of[:3]) / (1.0 if of[3] is None else of[3][:, None, None])
+              for of in others] + [covariance(*own)]
+    moved = [np.where(seen.observed[..., None], carried, 0.0) for seen, _, carried in (
+        *((of[0], of[1], of[2]) for of in others), own)]
+    whole = np.concatenate(moved, axis=1)
+    joint = whole @ np.swapaxes(whole, -1, -2)
+    begin = 0
+    for block in blocks:
+        end = begin + block.shape[-1]
+        joint[:, begin:end, begin:end] = block
+        begin = end
+    return _root(joint)[:, -own[1].shape[1]:]

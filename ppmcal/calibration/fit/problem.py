@@ -30,11 +30,18 @@ from ppmcal.calibration.fit.observation import (
     view,
     white_measurements,
     whitener,
+    whitener_given,
 )
 from ppmcal.calibration.fit.poses_from_home import PosesFromHome
 from ppmcal.calibration.fit.prior_information import PriorInformation
 from ppmcal.calibration.fit.registration import no_pose, start_registration, unscaled
-from ppmcal.calibration.fit.response import Response, Rows, with_surplus
+from ppmcal.calibration.fit.response import (
+    Companion,
+    RawRows,
+    Response,
+    Rows,
+    with_surplus,
+)
 from ppmcal.calibration.fit.unknown_directions import direction_sigma
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import environment_of, shifted
@@ -44,6 +51,7 @@ from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset, Environment, unknown_environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
+from ppmcal.model.sessions import companions
 
 CHUNK, LONG_CHUNK = 2048, 16384
 """Rows that are made at once, and without effects, where compiled loops hold next to nothing."""
@@ -83,7 +91,7 @@ def squares_by_noise_of(one: tuple[Problem, State], other: tuple[Problem, State]
     """
     (problem, state), (by, at) = one, other
     pairs = zip(problem.rows(state, False, keep), by.rows(at, False, keep), strict=True)
-    return sum(float(np.sum((noise.whitener @ np.where(r.observed, r.raw, 0.0)[..., None])**2))
+    return sum(float(np.sum(noise.whitened(r.raw, [c.raw for c in r.companions])**2))
                for r, noise in pairs)
 
 
@@ -299,22 +307,40 @@ class Problem:
 
     def rows(self, state: State, jacobian: bool = True,
              keep: Sequence[NDArray[np.bool_]] | None = None) -> Iterator[Rows]:
-        """Yield whitened rows of all data sets, chunk by chunk.
+        """Yield whitened rows of all data sets, chunk by chunk; all of them are white together.
 
         Rows whose pose is unknown (nan), and those not in ``keep``, are left out.
         """
-        for i in range(len(self.datasets)):
-            yield from self.rows_of(i, state, jacobian, None if keep is None else keep[i])
+        whole = self.used(state, keep)
+        for i, own in enumerate(whole):
+            yield from self.rows_of(i, state, jacobian, own, whole)
 
-    def rows_of(self, i: int, state: State, jacobian: bool = True, keep: Bools | None = None
-                ) -> Iterator[Rows]:
-        """Yield whitened rows of one data set, chunk by chunk; see :meth:`rows`."""
+    def used(self, state: State, keep: Sequence[Bools] | None) -> list[Bools]:
+        """Return which rows (N,) of each data set have a pose and are in ``keep``, if given."""
+        there = [finite_rows(pose) for pose in state.poses]
+        return there if keep is None else [t & k for t, k in zip(there, keep, strict=True)]
+
+    def rows_of(self, i: int, state: State, jacobian: bool = True, keep: Bools | None = None,
+                given: Sequence[Bools] | None = None) -> Iterator[Rows]:
+        """Yield whitened rows of one data set, chunk by chunk; see :meth:`rows`.
+
+        ``given``: rows (N,) of all data sets; those of earlier targets at the same stands, whose
+        joints have the same noise, are known already. None: the rows are white by themselves.
+        """
         usable = finite_rows(state.poses[i])
         if keep is not None:
             usable &= keep
         index = np.flatnonzero(usable)
         for begin in range(0, index.size, CHUNK):
-            yield self._chunk(i, self.datasets[i], index[begin:begin + CHUNK], state, jacobian)
+            yield self._chunk(i, index[begin:begin + CHUNK], state, jacobian, given)
+
+    @cached_property
+    def companions(self) -> list[list[tuple[int, Ints]]]:
+        """The earlier targets at the stands of each data set's rows; see :func:`companions`."""
+        if not any(self.noisy_closure):
+            return [[] for _ in self.datasets]
+        return [[(j, rows) for j, rows in own if self.noisy_closure[i] and self.noisy_closure[j]]
+                for i, own in enumerate(companions(self.datasets))]
 
     def earlier_rows(self, state: State, size: int) -> Array:
         """Return what earlier measurements say as white rows (k, size), the residual last."""
@@ -344,7 +370,21 @@ class Problem:
     def _kept(self) -> dict[int, tuple[Array, Array, Ints]]:
         return {}
 
-    def _chunk(self, i: int, data: Dataset, index: Ints, state: State, jacobian: bool) -> Rows:
+    def _chunk(self, i: int, index: Ints, state: State, jacobian: bool,
+               given: Sequence[Bools] | None) -> Rows:
+        own = self._raw(i, index, state, jacobian)
+        others: list[tuple[int, RawRows]] = []
+        for j, rows in self.companions[i] if given is not None else ():
+            at = rows[index]
+            there = (at >= 0) & given[j][at] if given is not None else at >= 0
+            if there.any():
+                others.append((j, self._raw(j, np.where(there, at, at[there][0]), state,
+                                            jacobian).only(there)))
+                own = own.without_surplus(there)
+        return _white(i, index, own, others)
+
+    def _raw(self, i: int, index: Ints, state: State, jacobian: bool) -> RawRows:
+        data = self.datasets[i]
         part, registration, motion = data.take(index), state.registrations[i], self.mechanism.motion
         with_noise, gaps = self.noisy_closure[i], self.sigma_gaps[i]
         asked = jacobian or with_noise
@@ -411,18 +451,47 @@ class Problem:
                         full += own
             if jacobian:
                 self.opens[i].fill(full, seen)
-        sigma = [self.sigma_joints[i], gaps] if gaps.any() else [self.sigma_joints[i]]
-        white = whitener(seen, sigma_seen,
-                         np.concatenate(by_noise, axis=-1) if by_noise else None,
-                         np.concatenate(sigma * len(ends)))
-        if part.weight is not None:
-            white = np.sqrt(part.weight)[:, None, None] * white
-        full = np.where(seen.observed[..., None], full, 0.0)
-        if with_noise:
-            residual, full = (white @ seen.residual[..., None])[..., 0], white @ full
-        else:
-            diagonal = np.diagonal(white, axis1=-2, axis2=-1)
-            residual, full = diagonal * seen.residual, diagonal[..., None] * full
-        first, second = (*responses, None, None)[:2]
-        return Rows(i, index, residual, full, seen.observed, seen.residual, white, first, second,
-                    part.weight, len(ends) * self.mechanism.surplus)
+        sigma = np.concatenate(
+            ([self.sigma_joints[i], gaps] if gaps.any() else [self.sigma_joints[i]]) * len(ends))
+        carried = np.concatenate(by_noise, axis=-1) * sigma if by_noise else None
+        return RawRows(seen, np.where(seen.observed[..., None], full, 0.0), sigma_seen, carried,
+                       part.weight, tuple(responses), len(ends) * self.mechanism.surplus)
+
+
+def _white(i: int, index: Ints, own: RawRows, others: Sequence[tuple[int, RawRows]]) -> Rows:
+    """Return rows of data set ``i`` made white, given those of others at the same stands."""
+    seen, full, mixed = own.seen, own.jacobian, list[Companion]()
+    if own.carried is None:
+        white = whitener(seen, own.sigma, None)
+    elif not others:
+        white = whitener(seen, own.sigma, own.carried)
+    else:
+        whole = whitener_given((seen, own.sigma, own.carried), [
+            (r.seen, r.sigma, _of(r), r.weight) for _, r in others])
+        white, begin = whole[..., -seen.residual.shape[1]:], 0
+        for j, r in others:
+            end = begin + r.seen.residual.shape[1]
+            mixed.append(Companion(j, whole[..., begin:end], r.seen.observed, r.seen.residual,
+                                   r.responses[0]))
+            begin = end
+    if own.weight is not None:
+        root = np.sqrt(own.weight)[:, None, None]
+        white, mixed = root * white, [replace(c, mix=root * c.mix) for c in mixed]
+    if own.carried is not None:
+        observed = seen.observed
+        residual = (white @ np.where(observed, seen.residual, 0.0)[..., None])[..., 0]
+        full = white @ np.where(observed[..., None], full, 0.0)
+        for c, (_, r) in zip(mixed, others, strict=True):
+            residual = residual + c.share(c.raw)
+            full = full + c.mix @ np.where(c.observed[..., None], r.jacobian, 0.0)
+    else:
+        diagonal = np.diagonal(white, axis1=-2, axis2=-1)
+        residual, full = diagonal * seen.residual, diagonal[..., None] * full
+    first, second = (*own.responses, None, None)[:2]
+    return Rows(i, index, residual, full, seen.observed, seen.residual, white, first, second,
+                own.weight, own.surplus, tuple(mixed))
+
+
+def _of(rows: RawRows) -> Array:
+    assert rows.carried is not None
+    return rows.carried

@@ -194,6 +194,58 @@ def with_surplus(seen: ResidualJacobian, closures: Sequence[Closure], poses: Seq
     return replace(seen, residual=residual).beside(-np.concatenate(gaps, axis=1)), bases
 
 
+@dataclass(frozen=True, eq=False)
+class Companion:
+    """What another target showed at the stands of n rows, whose noise is partly the same.
+
+    Attributes:
+        dataset: of that target.
+        mix: what white rows take of its m' values (n, m, m'); 0 where it has no row.
+        observed, raw: its values (n, m'), as in :class:`Rows`.
+        response: how these move along shifts.
+    """
+
+    dataset: int
+    mix: Array
+    observed: Bools
+    raw: Array
+    response: Response
+
+    def share(self, raw: Array) -> Array:
+        """Return what values (n, m') of the companion add to white rows (n, m)."""
+        return np.asarray((self.mix @ np.where(self.observed, raw, 0.0)[..., None])[..., 0])
+
+
+@dataclass(frozen=True)
+class RawRows:
+    """Rows before they are white; of those that are not there nothing is observed.
+
+    ``seen`` with the residuals (n, m); ``jacobian`` (n, m, C); ``sigma`` (n, m) of the instrument;
+    ``carried`` (n, m, k): what one standard deviation of each joint, and gap, does to a row, None
+    where they have no noise; ``weight`` (n,) or None; ``responses`` of the row's ends; ``surplus``
+    as in :class:`Rows`.
+    """
+
+    seen: ResidualJacobian
+    jacobian: Array
+    sigma: Array
+    carried: Array | None
+    weight: Array | None
+    responses: tuple[Response, ...]
+    surplus: int
+
+    def only(self, there: Bools) -> RawRows:
+        """Return them with nothing observed in rows that are not ``there`` (n,)."""
+        seen = replace(self.seen, observed=self.seen.observed & there[:, None])
+        return replace(self, seen=seen)
+
+    def without_surplus(self, there: Bools) -> RawRows:
+        """Return them without what rows ``there`` (n,) tell of the closure alone."""
+        own = np.arange(self.seen.observed.shape[1]) >= self.seen.observed.shape[1] - self.surplus
+        seen = replace(self.seen, observed=self.seen.observed & ~(own & there[:, None]))
+        return replace(self, seen=seen)
+
+
 @dataclass(frozen=True)
 class Rows:
     """One chunk of whitened rows.
@@ -203,7 +255,8 @@ class Rows:
     ``index`` (n,) rows of the data set; ``response`` how predictions move along shifts,
     None where no Jacobian was asked for; ``second``: along those of the other end of a distance
     between two platform positions; ``weight`` (n,): as of the data set; ``surplus``: how many of
-    the m values, the last, are what no pose explains of the closure.
+    the m values, the last, are what no pose explains of the closure; ``companions``: other targets
+    at the same stands, given which these rows are white: ``whitener @ raw`` and their shares.
     """
 
     dataset: int
@@ -217,6 +270,17 @@ class Rows:
     second: Response | None = None
     weight: Array | None = None
     surplus: int = 0
+    companions: tuple[Companion, ...] = ()
+
+    def whitened(self, raw: Array, others: Sequence[Array] | None = None) -> Array:
+        """Return values (n, m), m and rad, as white ones; of the companions (n, m') each.
+
+        ``others`` None: theirs are 0.
+        """
+        out = np.asarray((self.whitener @ np.where(self.observed, raw, 0.0)[..., None])[..., 0])
+        for companion, values in zip(self.companions, others or (), strict=False):
+            out = out + companion.share(values)
+        return out
 
     @property
     def measured(self) -> Array:
