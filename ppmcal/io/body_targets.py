@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from ppmcal.errors import BadInput, unknown
+from ppmcal.io.column_names import plain_heading
 from ppmcal.io.csv import Table, refuse_double
 from ppmcal.io.header import ReadFile, bare_name
 from ppmcal.io.pose_fields import COORDINATES, QUATERNION
@@ -102,11 +103,7 @@ def _naming(table: Table, read: ReadFile) -> str | None:
                            f"Its columns are {', '.join(table.header)}")
         return given[0]
     free = [h for h in table.header if h not in read.ignore and h not in read.columns.values()]
-    return next((h for name in NAMING for h in free if _plain(h) == name), None)
-
-
-def _plain(header: str) -> str:
-    return " ".join(header.lower().replace("_", " ").split())
+    return next((h for name in NAMING for h in free if plain_heading(h) == name), None)
 
 
 def wide_parts(table: Table, file: SidecarFile, mechanism: Mechanism) -> list[TargetPart]:
@@ -217,7 +214,7 @@ def refuse_unsaid(table: Table, file: SidecarFile, side: str) -> None:
     found: list[str] = []
     where = ""
     for header in free:
-        if _plain(header) in SURELY:
+        if plain_heading(header) in SURELY:
             each = list(dict.fromkeys(table.labels(header)))
             if 1 < len(each) <= len(table) / 2:
                 found, where = each, f"the column {header} names several targets"

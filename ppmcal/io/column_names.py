@@ -194,7 +194,8 @@ def recorders_names(header: Sequence[str], mechanism: Mechanism, source: str
     return names, findings
 
 
-def _plain(header: str) -> str:
+def plain_heading(header: str) -> str:
+    """Return a heading in small letters with single spaces, by which usual ones are known."""
     return " ".join(header.lower().replace("_", " ").split())
 
 
@@ -206,7 +207,7 @@ def own_name(header: str, known: Collection[str]) -> tuple[str | None, str]:
     """
     if header in known or header.startswith("temperature_"):
         return header, "its name"
-    low = _plain(header)
+    low = plain_heading(header)
     same = next((k for k in known if k.lower() == header.lower()), None)
     if same:
         return same, "its name"
@@ -228,7 +229,7 @@ def own_name(header: str, known: Collection[str]) -> tuple[str | None, str]:
 
 def is_target(header: str) -> bool:
     """Whether a heading says that a column names what was measured, not where."""
-    return _plain(header) in TARGETS
+    return plain_heading(header) in TARGETS
 
 
 def unit_in(remarks: Sequence[str]) -> str | None:
@@ -239,6 +240,6 @@ def unit_in(remarks: Sequence[str]) -> str | None:
 
 def reason_ignored(header: str) -> str:
     """Return why a column is left alone, where there is more to say than that nobody knows it."""
-    if UNCERTAIN.fullmatch(_plain(header)):
+    if UNCERTAIN.fullmatch(plain_heading(header)):
         return "an uncertainty whose coverage (k = 1, k = 2?) is not told"
     return ""
