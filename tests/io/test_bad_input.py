@@ -102,7 +102,7 @@ LEG4 = "  - {name: leg4, kind: R(P)R, base: {point: [9, 9]}, platform: {point: [
 
 # (what, old text, new text, words of the message)
 MECHANISMS = {
-    "unknown unit": ("length: mm", "length: cm", ["units.length", "um"]),
+    "unknown unit": ("length: mm", "length: ft", ["units.length", "um"]),
     "no units": ("units: {length: mm, angle: deg}\n", "", ["units"]),
     "units not a map": ("units: {length: mm, angle: deg}", "units: mm", ["units"]),
     "kind with near match": ("kind: R(P)R", "kind: R(P)Q", ["leg1", "kind", "R(P)R"]),

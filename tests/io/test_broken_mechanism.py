@@ -15,7 +15,7 @@ BROKEN = [
     ("other format", BENCH, "mechanism/1", "mechanism/2", "format", "ppmcal/mechanism/1"),
     ("no units", BENCH, "units: {length: mm, angle: deg}\n", "", "", "units: {length: mm"),
     ("half units", BENCH, "{length: mm, angle: deg}", "{length: mm}", "units", "angle: deg"),
-    ("odd unit", BENCH, "length: mm", "length: cm", "units.length", "m, mm, um, in"),
+    ("odd unit", BENCH, "length: mm", "length: ft", "units.length", "m, cm, mm, um, in"),
     ("odd angle", BENCH, "angle: deg}\nm", "angle: degrees}\nm", "units.angle", "'deg'"),
     ("no motion", BENCH, "motion: planar\n", "", "", "motion: planar"),
     ("odd motion", BENCH, "motion: planar", "motion: plannar", "motion", "'planar'"),

@@ -237,7 +237,7 @@ REFUSED: dict[str, tuple[Mapping[str, Any], str, str, str]] = {
                             "The columns are"),
     "a unit that there is not": ({"units": {"x": "furlong"}}, "furlong", "read.units", "um"),
     "a unit that it cannot be": ({"units": {"x": "deg"}}, "x cannot be in deg", "read.units.x",
-                                 "Write m or mm"),
+                                 "Write m or cm or mm"),
     "a length for an angle": ({"units": {"rx": "in"}}, "rx cannot be in in", "read.units.rx",
                               "rad"),
     "no unit at all": ({"units": {"pose": "mm"}}, "pose", "read.units.pose", "Remove the line"),
