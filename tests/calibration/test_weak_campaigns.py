@@ -128,7 +128,7 @@ def test_flat_short_and_few_name_nothing() -> None:
     flat = ppmcal.diagnose(shipped("delta-linear"), campaign(delta(0.0)))
     assert not flat.diagnosis.effects
     assert flat.record.campaign is not None
-    assert flat.record.next_measurements.file == "next.csv"
+    assert flat.record.next_file == "next.csv"
 
 
 @pytest.mark.slow

@@ -434,6 +434,6 @@ def test_the_sample_printer_goes_through_the_readmes_three_commands(tmp_path: Pa
     assert {p["name"] for p in fitted} >= set(true) - {"rod"}
     for p in fitted:
         assert p["low"] < true[p["name"]] < p["high"], p["name"]
-    assert "put the copy in its place" in " ".join(runs[2].out.split())
+    assert "printer.cfg has the new numbers" in " ".join(runs[2].out.split())
     again = import_config("klipper", tmp_path / "exported" / "printer.cfg")
     assert again.imported.printer.geometry == read_back(tmp_path)

@@ -134,7 +134,7 @@ class CheckResult(Check):
             "unseen": list(self.unseen), "redundant": list(self.redundant),
             "unidentifiable": [s.entries(whole=True) for s in self._sets],
             "identifiability": None if known is None else known.entries(),
-            "misreadings": [m.entries(whole=True) for m in
+            "misreadings": [m.entries() for m in
                             misreading_entries(self.misreadings, mechanism.units)]}
 
     def draw(self, path: Path_) -> Path:

@@ -156,7 +156,7 @@ def when_refused(error: PpmcalError, _: IdentifyArguments, __: Path | None) -> R
                                                                          InterpretationError) else (
                                                                              )
     return Refusal({"format": FORMAT, "exit_code": error.exit_code, "reason": str(error),
-                    "misreadings": [e.entries(whole=True) for e in entries]})
+                    "misreadings": [e.entries() for e in entries]})
 
 
 def scale_sentences(found: Identification) -> Iterator[Note]:
