@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     )
     from ppmcal.calibration.interpretation.obvious_mistakes import without_stale as without_stale
     from ppmcal.calibration.interpretation.plausibility import unit_findings as unit_findings
-    from ppmcal.calibration.interpretation.pushing_ropes import slack_ropes as slack_ropes
     from ppmcal.calibration.interpretation.read_rightly import refuse_after_fit as refuse_after_fit
     from ppmcal.calibration.interpretation.read_rightly import (
         refuse_before_fit as refuse_before_fit,
@@ -50,6 +49,7 @@ if TYPE_CHECKING:
     from ppmcal.calibration.interpretation.read_rightly import (
         refuse_other_machine as refuse_other_machine,
     )
+    from ppmcal.calibration.interpretation.slack_ropes import slack_ropes as slack_ropes
 
 if not TYPE_CHECKING:   # who checks types sees which names there are
     __getattr__ = on_first_use(__name__)
