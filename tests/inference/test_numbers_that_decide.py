@@ -29,6 +29,7 @@ OTHERS = {
         "thinning.LEAST", "thinning.MOST_STRATA", "thinning.MOST_VALUES", "thinning.SAME_LOAD",
         "unknown_causes.MOST_POSES", "unknown_causes.WAVES", "block_sets.ROUNDS", "blocks.CHUNK",
         "columns.KEPT", "correlation.BLOCK", "evidence.WIDE", "gross_rows.SWEEPS", "joint.SWEEPS",
+        "one_sided.HUBER",
         "moves.CLOSE", "moves.DEEP", "moves.FIRSTS", "moves.MOST",
         "moves.MOST_FORMS", "moves.SETS", "question.KEPT", "row_weights.AT_ONCE", "sets.MOVES",
         "term_candidates.PER_NODE", "learned_shapes.POINTS"},
@@ -36,7 +37,8 @@ OTHERS = {
     "round-off": {
         "hypotheses.AS_ROUND_OFF",
         "block_sets.NEGLIGIBLE", "gross_rows.LOST", "moves.LEAST_GAIN", "pairs.ROUND_OFF",
-        "ranges.FAR", "ranges.LEAST", "ranges.TINY", "learning.ROUND_OFF", "learning.UNSEEN",
+        "ranges.FAR", "ranges.LEAST", "ranges.TINY", "one_sided.STILL",
+        "learning.ROUND_OFF", "learning.UNSEEN",
         "linear_system.RANK", "session_effects.SEEN", "unknown_causes.ROUND_OFF",
         "derived_errors.SMALL", "extended_model.SMALLEST"},
     # what rows can show at all, in sigmas, or as a part that geometry leaves
