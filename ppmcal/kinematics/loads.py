@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal import linalg
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.least_squares_closure import held_by, surplus
 from ppmcal.linalg import Array, Bools, finite_rows, solve_rows
@@ -14,6 +15,8 @@ from ppmcal.model.mechanism import Mechanism
 
 EVEN = 0.05
 """Tensions without a load whose mean is below this part of their size are no tension."""
+ROUNDS, LEAST = 60, 0.02
+"""Rounds of a search for tensions, and the least of a tight rope in parts of the largest."""
 
 
 def loads(model: Model, q: Array, pose: Array, wrench: Array) -> Array:
@@ -117,6 +120,27 @@ def pretensions(model: Model, q: Array, pose: Array) -> Array:
         on = np.isin(np.arange(out.shape[1]), ropes)
         out[rows] = np.where(on, (drives @ force[..., None])[..., 0], np.nan)
     return out
+
+
+def tight_ropes(model: Model, q: Array, pose: Array, weight: bool = False) -> Bools:
+    """Return whether ropes can pull against each other at poses (N, 8), all of them, (N,).
+
+    Whether tensions of one sign hold the platform without a wrench, or with a ``weight`` at its
+    origin: found by going to and fro between those that do (A' f = 0) and those above a least one
+    (von Neumann 1949).
+    """
+    a = model.closure(q).pose_matrix(pose)
+    if weight:
+        mechanism = model.mechanism
+        down = -np.append(mechanism.gravity, np.zeros(3))[list(mechanism.dof)]
+        a = np.concatenate([a, np.broadcast_to(down, (len(a), 1, len(down)))], axis=1)
+    basis = linalg.column_basis(a)
+    free = np.eye(basis.shape[-2]) - basis @ np.swapaxes(basis, -1, -2)
+    force = np.ones(basis.shape[:-1])
+    for _ in range(ROUNDS):
+        force = (free @ np.maximum(force, LEAST)[..., None])[..., 0]
+        force /= np.maximum(np.abs(force).max(axis=1, keepdims=True), 1e-300)
+    return np.asarray((force > 0.5 * LEAST).all(axis=1))
 
 
 def spans(model: Model, q: Array, pose: Array) -> Array:

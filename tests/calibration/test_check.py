@@ -168,3 +168,47 @@ def test_a_fit_repeats_what_check_says_of_units(tmp_path, command):
     name = {"identify": "identification", "diagnose": "diagnosis"}[command]
     found = json.loads((tmp_path / "o" / f"{name}.json").read_text())["findings"]
     assert any("home is outside the limits of leg3" in f for f in found)
+
+
+# --- ropes that do not hold ---------------------------------------------------------------------
+
+SPIDER = """
+format: ppmcal/mechanism/1
+name: spider
+units: {length: mm, angle: deg}
+motion: MOTION
+limbs:
+  - {name: c1, kind: rope, base: {point: P1}, platform: {point: O}}
+  - {name: c2, kind: rope, base: {point: P2}, platform: {point: O}}
+  - {name: c3, kind: rope, base: {point: P3}, platform: {point: O}}
+  - {name: c4, kind: rope, base: {point: P4}, platform: {point: O}}
+home: {pose: HOME}
+tolerances: {point: 3, offset: 3}
+"""
+LINE = ("planar-point", "[0, 0]", "[0, 0]", "[1000, 0]", "[2000, 0]", "[3000, 0]")
+CEILING = ("translational", "[0, 0, 0]", "[0, 0, 3000]", "[1000, 0, 3000]", "[0, 1000, 3000]",
+           "[1000, 1000, 3000]")
+
+
+@pytest.mark.parametrize(("anchors", "hangs", "stands", "where"), [
+    (LINE, "{x: 1450, y: -1200}", "{x: 1450, y: 1200}", "line"),
+    (CEILING, "{x: 450, y: 400, z: 1000}", "{x: 450, y: 400, z: 4000}", "plane")])
+def test_ropes_hold_where_the_platform_hangs_and_not_on_the_other_side(
+        tmp_path, anchors, hangs, stands, where):
+    text = SPIDER
+    for key, value in zip(("MOTION", "O}", "P1", "P2", "P3", "P4"), anchors, strict=True):
+        text = text.replace(key, value + "}" * (key == "O}"))
+    said = []
+    for home in (hangs, stands):
+        (tmp_path / "m.yaml").write_text(text.replace("HOME", home), encoding="utf-8")
+        said.append([str(f) for f in check(read_mechanism(tmp_path / "m.yaml")).findings])
+    assert said[0] == []
+    (told,) = said[1]
+    assert "cannot hold the platform at home" in told
+    assert f"anchors lie in one {where}" in told and "gravity" in told
+
+
+@pytest.mark.parametrize("name", ["cable-4-planar", "cable-8", "hangprinter", "maslow"])
+def test_ropes_of_shipped_machines_hold(name):
+    machine = read_mechanism(ROOT / "configs" / f"{name}.yaml")
+    assert not [f for f in check(machine).findings if "hold the platform" in str(f)]

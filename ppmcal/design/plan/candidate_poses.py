@@ -14,11 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.design.plan.clearance import tight_ropes, too_close
+from ppmcal.design.plan.clearance import too_close
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state
+from ppmcal.kinematics.loads import tight_ropes
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import extent, named, placed
 from ppmcal.kinematics.tables import (
@@ -121,7 +122,7 @@ def region_of(nominal: Mechanism, tight: bool = False) -> Region:
     low, high = extent(Model(nominal), chosen)
     home = nominal.home_pose[list(chosen)]
     tight = tight and all(limb.kind.pulls_only for limb in nominal.limbs) and bool(
-        tight_ropes(Model(nominal), home_state(nominal).q[None], nominal.home_pose[None])[0])
+        tight_ropes(Model(nominal), home_state(nominal).q[None], nominal.home[None])[0])
     return Region(chosen, home - low, home + high, home, tight)
 
 
@@ -282,7 +283,7 @@ def _judge(nominal: Mechanism, poses: Array, mode: bool = True, tight: bool = Fa
             why[n] = "legs"
         good = np.flatnonzero([not w for w in why])
     if good.size and tight:
-        for n in good[~tight_ropes(model, table.q[good], table.pose[good])]:
+        for n in good[~tight_ropes(model, table.q[good], pose_motor(table.pose[good]))]:
             why[n] = "slack"
         good = np.flatnonzero([not w for w in why])
     if good.size and mode:

@@ -1,4 +1,4 @@
-"""Whether legs stay clear of each other, struts of no thickness, and whether ropes are tight."""
+"""Whether legs stay clear of each other, struts of no thickness."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from itertools import combinations
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal import linalg
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_motor
@@ -96,22 +95,3 @@ def _to_segment(point: Array, start: Array, end: Array) -> Array:
 
 def _dot(a: Array, b: Array) -> Array:
     return np.asarray(np.sum(a * b, axis=-1))
-
-
-ROUNDS, LEAST = 60, 0.02
-"""Rounds of a search for tensions, and the least of a tight rope in parts of the largest."""
-
-
-def tight_ropes(model: Model, q: Array, pose: Array) -> Bools:
-    """Return whether ropes can pull against each other at poses (N, 6), all of them, (N,).
-
-    Whether tensions of one sign hold the platform without a wrench: found by going to and fro
-    between those that do (A' f = 0) and those above a least one (von Neumann 1949).
-    """
-    basis = linalg.column_basis(model.closure(q).pose_matrix(pose_motor(pose)))
-    free = np.eye(basis.shape[-2]) - basis @ np.swapaxes(basis, -1, -2)
-    force = np.ones(basis.shape[:-1])
-    for _ in range(ROUNDS):
-        force = (free @ np.maximum(force, LEAST)[..., None])[..., 0]
-        force /= np.maximum(np.abs(force).max(axis=1, keepdims=True), 1e-300)
-    return np.asarray((force > 0.5 * LEAST).all(axis=1))
