@@ -180,6 +180,8 @@ def refuse_exchanged(fit: Fit) -> None:
         InterpretationError: with the columns.
     """
     problem, left = fit.problem, distances(fit.problem, fit.state).times(fit.keep)
+    if not _kept(fit):
+        return
     for i, data in enumerate(problem.datasets):
         rows = _rows(problem, data) if data.kind.blind else None
         found = []
@@ -190,13 +192,18 @@ def refuse_exchanged(fit: Fit) -> None:
             except PpmcalError:
                 continue
             times = distances(other.problem, other.state).times(other.keep)
-            if other.converged and times * TELLING <= left:
+            if other.converged and _kept(other) >= _kept(fit) and times * TELLING <= left:
                 found.append((times, way))
         _refuse(problem.mechanism, [_exchange(
             data, way, f"residuals are {number(times, 3)} times the noise then, not "
             f"{number(left, 3)} times" * (n == 0))
             for n, (times, way) in enumerate(sorted(found, key=lambda f: f[0]))
             if times <= TELLING * min(f[0] for f in found)])
+
+
+def _kept(fit: Fit) -> int:
+    """Return how many rows a fit uses."""
+    return sum(int(np.count_nonzero(k)) for k in fit.keep)
 
 
 def _refuse(mechanism: Mechanism, found: Sequence[Interpretation]) -> None:
