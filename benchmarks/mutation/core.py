@@ -17,7 +17,8 @@ CORE = {
     "least squares": (
         "calibration/fit/linearisation.py", "calibration/fit/gauss_newton.py",
         "calibration/fit/normal_equations.py", "calibration/fit/response.py",
-        "calibration/fit/observation.py"),
+        "calibration/fit/observation.py", "calibration/fit/raw_rows.py",
+        "calibration/fit/white_rows.py"),
     "identifiability": (
         "calibration/knowledge/identifiability_report.py", "calibration/fit/rank.py",
         "calibration/fit/prior_information.py", "calibration/knowledge/intervals.py"),

@@ -6,14 +6,14 @@ white with respect to the stated noise; :class:`Whitening` adds the correlation 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.calibration.fit import Problem, Response, State, column_scale
+from ppmcal.calibration.fit import Companion, Problem, Response, State, column_scale
 from ppmcal.inference.correlation import RowNoise
 from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.effects import Setting, Shift
@@ -34,6 +34,8 @@ sigmas cannot have made a noticeable error, nor may it imitate an effect."""
 class SystemPart:
     """Rows ``at`` (slice of the system) of one data set: how they respond to shifts.
 
+    ``companions``: other targets at the same stands, given which the rows are white.
+
     Distances between two platform positions have two parts, one per end.
     """
 
@@ -41,6 +43,7 @@ class SystemPart:
     dataset: int
     response: Response
     whitener: Array
+    companions: tuple[Companion, ...] = ()
 
     @cached_property
     def setting(self) -> Setting:
@@ -56,8 +59,18 @@ class SystemPart:
 
     def column(self, shift: Shift) -> Array:
         """Return the white column (n, m) of a shift."""
-        raw = np.where(self.response.seen.observed, self.response.column(shift), 0.0)
-        return np.asarray((self.whitener @ raw[..., None])[..., 0])
+        return self.whitened(lambda response: response.column(shift))
+
+    def whitened(self, raw: Callable[[Response], Array]) -> Array:
+        """Return white values (n, m) of what ``raw`` makes of the rows, m and rad.
+
+        Given those of other targets at the same stands, which are moved alike.
+        """
+        own = np.where(self.response.seen.observed, raw(self.response), 0.0)
+        out = np.asarray((self.whitener @ own[..., None])[..., 0])
+        for companion in self.companions:
+            out = out + companion.share(raw(companion.response))
+        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +154,7 @@ def build(problem: Problem, state: State, keep: Sequence[Bools]) -> System:
         residual[at, :m], observed[at, :m] = c.residual, c.observed
         jacobian[at, :m] = c.jacobian
         dataset[at], row[at] = c.dataset, c.index
-        parts += [SystemPart(at, c.dataset, end, c.whitener)
+        parts += [SystemPart(at, c.dataset, end, c.whitener, c.companions)
                   for end in (c.response, c.second) if end]
         begin += n
     group = _groups(problem, dataset, row)

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.calibration.fit import Problem
+from ppmcal.calibration.fit import Problem, Response
 from ppmcal.diagnosis.linearisation import Linearisation
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array, Bools
@@ -90,8 +91,7 @@ def _by_actuator(stage: Linearisation, cleaned: Array) -> list[Place]:
     drive = np.zeros((*stage.system.residual.shape, k))
     for part in stage.system.parts:
         for i, limb in enumerate(mechanism.limbs):
-            raw = np.where(part.response.seen.observed, part.response.by_slot(i, "offset"), 0.0)
-            column = (part.whitener @ raw[..., None])[..., 0]
+            column = part.whitened(partial(Response.by_slot, limb=i, slot="offset"))
             drive[part.at, :column.shape[1], limb.actuator] += column
     white = stage.noise.apply(drive, stage.system).reshape(drive.shape)
     back = linalg.pinv(white, rcond=1e-6)

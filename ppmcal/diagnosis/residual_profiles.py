@@ -84,8 +84,9 @@ def _errors(fit: Fit, rows: Rows) -> tuple[Array, Array, Array]:
     for i, limb in enumerate(mechanism.limbs):
         for end in (rows.response, rows.second):
             if end is not None:
-                drive[..., limb.actuator] += np.where(rows.observed, end.by_slot(i, "offset"), 0.0)
-    back = linalg.pinv(rows.whitener @ drive, rcond=1e-6)
+                drive[..., limb.actuator] += rows.whitened(end.by_slot(i, "offset"), [
+                    c.response.by_slot(i, "offset") for c in rows.companions])
+    back = linalg.pinv(drive, rcond=1e-6)
     joint = np.asarray((back @ np.where(rows.observed, rows.residual, 0.0)[..., None])[..., 0])
     measured = np.full((len(joint), 6), np.nan)
     data = fit.problem.datasets[rows.dataset]

@@ -85,6 +85,44 @@ def as_campaigns(datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:
     return _heights_and_distances(out)
 
 
+def companions(datasets: Sequence[Dataset]) -> list[list[tuple[int, Ints]]]:
+    """Return the earlier data sets that saw the stands of each, and their rows there (N,), or -1.
+
+    Two targets that were seen at one stand, whose joints were read once, have the noise of these
+    joints in common.
+    """
+    key = [d.numbers() for d in datasets]
+    out: list[list[tuple[int, Ints]]] = [[] for _ in datasets]
+    for i, data in enumerate(datasets):
+        for j, other in enumerate(datasets[:i]):
+            if not data.campaign or campaign(other) != data.campaign or not (
+                    _shows_poses(data) and _shows_poses(other)):
+                continue
+            both = data.stands, other.stands
+            mine, theirs = both if both[0] is not None and both[1] is not None else (
+                key[i], key[j])
+            assert mine is not None and theirs is not None
+            rows = _same_stand(mine, theirs, data.q, other.q)
+            if (rows >= 0).any():
+                out[i].append((j, rows))
+    return out
+
+
+def _shows_poses(data: Dataset) -> bool:
+    return data.kind.of_poses and not data.kind.scalar and data.to_q is None
+
+
+def _same_stand(mine: Ints, theirs: Ints, q: Array, other: Array) -> Ints:
+    """Return where in ``theirs`` (M,) the stands ``mine`` (N,) are, with the same joints; or -1."""
+    stand, first = np.unique(theirs, return_index=True)
+    if not stand.size or not mine.size:
+        return np.full(mine.size, -1)
+    at = np.minimum(np.searchsorted(stand, mine), stand.size - 1)
+    rows = first[at]
+    near = np.all(np.abs(q - other[rows]) <= tolerances(q, other), axis=1)
+    return np.where((stand[at] == mine) & near, rows, -1)
+
+
 def _owners(datasets: Sequence[Dataset]) -> list[int]:
     """Return the first of the data sets that saw the same poses, for each data set."""
     owner = list(range(len(datasets)))

@@ -35,11 +35,15 @@ free: ["*.offset", "*.base.point.?"]
 
 @dataclass(frozen=True)
 class Seen:
-    """A campaign: joints (N, 3) as recorded, marks (N, 2) by name, and errors by parameter."""
+    """A campaign: joints (N, 3) as recorded, marks (N, 2) by name, and errors by parameter.
+
+    ``poses`` (N, 3): where the platform was, x, y and its angle.
+    """
 
     q: Floats
     marks: dict[str, Floats]
     errors: dict[str, float]
+    poses: Floats
 
 
 def turned(angle: Floats | float) -> Floats:
@@ -50,15 +54,21 @@ def turned(angle: Floats | float) -> Floats:
 
 def measured(seed: int, rows: int = 40, sigma: float = 0.01, joint: float = 0.0,
              names: Sequence[str] = tuple(MARKS), moved: Mapping[str, tuple[int, Sequence[float]]]
-             | None = None) -> Seen:
-    """Return a campaign of the true bench; ``moved``: marks that moved by so much from a row on."""
+             | None = None, slots: Sequence[str] = ("offset", "base.point.x", "base.point.y")
+             ) -> Seen:
+    """Return a campaign of the true bench; ``moved``: marks that moved by so much from a row on.
+
+    ``slots``: of each leg that are off their nominal values.
+    """
     rng = np.random.default_rng(seed)
-    errors = {f"leg{i + 1}.{slot}": float(rng.normal() * size) for i in range(3)
-              for slot, size in (("offset", 0.4), ("base.point.x", 0.5), ("base.point.y", 0.5))}
-    base = BASE + np.array([[errors[f"leg{i}.base.point.{c}"] for c in "xy"] for i in (1, 2, 3)])
-    offset = np.array([errors[f"leg{i}.offset"] for i in (1, 2, 3)])
+    errors = {f"leg{i + 1}.{slot}": float(rng.normal() * (0.4 if slot == "offset" else 0.5))
+              for i in range(3) for slot in slots}
+    base = BASE + np.array([[errors.get(f"leg{i}.base.point.{c}", 0.0) for c in "xy"]
+                            for i in (1, 2, 3)])
+    offset = np.array([errors.get(f"leg{i}.offset", 0.0) for i in (1, 2, 3)])
     place = np.array([500.0, 290.0]) + rng.uniform(-90.0, 90.0, (rows, 2))
-    turn = turned(rng.uniform(-0.35, 0.35, rows))
+    angle = rng.uniform(-0.35, 0.35, rows)
+    turn = turned(angle)
     legs = np.linalg.norm(place[:, None] + PLATFORM @ np.swapaxes(turn, -1, -2) - base, axis=-1)
     q = legs - offset + joint * rng.normal(size=legs.shape)
     out = {}
@@ -69,7 +79,26 @@ def measured(seed: int, rows: int = 40, sigma: float = 0.01, joint: float = 0.0,
         point = place + (turn @ at[..., None])[..., 0]
         out[name] = (np.array(FRAME[:2]) + point @ turned(FRAME[2]).T
                      + sigma * rng.normal(size=(rows, 2)))
-    return Seen(q, out, errors)
+    return Seen(q, out, errors, np.column_stack([place, angle]))
+
+
+def columns(pose: Floats, names: Sequence[str]) -> tuple[Floats, Floats, Floats]:
+    """Return how marks that are seen at one pose (3,) of the nominal bench move (2 M, ...).
+
+    With the legs' lengths (3), with the frame (x, y, and a turn about the origin: 3) and with the
+    marks (2 M).
+    """
+    def legs(at: Floats) -> Floats:
+        return np.asarray(np.linalg.norm(at[:2] + PLATFORM @ turned(at[2]).T - BASE, axis=1))
+
+    steps = np.diag([1e-3, 1e-3, 1e-6])
+    by_pose = np.stack([(legs(pose + h) - legs(pose - h)) / (2.0 * h.sum()) for h in steps], 1)
+    frame, turn, quarter = turned(FRAME[2]), turned(pose[2]), turned(np.pi / 2.0)
+    arms = [turn @ np.array(MARKS[name]) for name in names]
+    moved = np.concatenate([frame @ np.column_stack([np.eye(2), quarter @ arm]) for arm in arms])
+    around = np.concatenate([np.column_stack(
+        [np.eye(2), quarter @ (frame @ (pose[:2] + arm))]) for arm in arms])
+    return (moved @ np.linalg.inv(by_pose), around, np.kron(np.eye(len(names)), frame @ turn))
 
 
 def sidecar(name: str, targets: str, sigma: float = 0.01, joint: float = 0.0,

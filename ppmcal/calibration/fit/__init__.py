@@ -127,7 +127,6 @@ if TYPE_CHECKING:
     )
     from ppmcal.calibration.fit.registration_freedoms import surely as surely
     from ppmcal.calibration.fit.response import Response as Response
-    from ppmcal.calibration.fit.response import Rows as Rows
     from ppmcal.calibration.fit.secondary_analyses import FAILURES as FAILURES
     from ppmcal.calibration.fit.secondary_analyses import LEFT_OUT as LEFT_OUT
     from ppmcal.calibration.fit.secondary_analyses import left_out_note as left_out_note
@@ -136,6 +135,8 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.unknown_directions import (
         with_unknown_directions as with_unknown_directions,
     )
+    from ppmcal.calibration.fit.white_rows import Companion as Companion
+    from ppmcal.calibration.fit.white_rows import Rows as Rows
     from ppmcal.calibration.fit.work import bounded as bounded
 
 if not TYPE_CHECKING:   # who checks types sees which names there are

@@ -74,9 +74,7 @@ def added_columns(problem: Problem, state: State, keep: Sequence[Bools], prior: 
         block = np.zeros((*part.residual.shape, stack.shape[1]))
         block[..., :size], block[..., -1] = part.jacobian, part.residual
         for own, first, last in zip(groups, begin, begin[1:], strict=False):
-            if part.dataset in own:
-                at, mask = own[part.dataset]
-                block[..., first:last] = more.jacobian[..., at] * mask[part.index][:, None, None]
+            block[..., first:last] = more.some_columns(own)
         stack = linalg.triangle(np.concatenate([stack, block.reshape(-1, stack.shape[1])]))
         count += part.count
     return AddedColumns(stack[:, :size] * scale, stack[:, size:-1], stack[:, -1], round(count),

@@ -6,8 +6,8 @@ A row's closure c, by what its joints say, and what its instrument shows are whi
 
 with D one over the noise of each equation by its joint and its gap. Reflections make P a triangle:
 what they leave of a row below that is what no pose explains, and all that the row tells (Golub and
-Pereyra 1973). It is what :mod:`response` and :func:`observation.whitener` make by another basis, so
-that sums and squares are theirs.
+Pereyra 1973). It is what :mod:`raw_rows` and :mod:`white_rows` make by another basis, so that sums
+and squares are theirs.
 """
 
 from __future__ import annotations

@@ -218,8 +218,9 @@ def cost(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
     total = prior_square(problem, state, prior)
     if not solved(state, keep):
         return float("inf")
+    given = problem.shared_stands(state, keep)
     for i, k in enumerate(keep):
-        squares = row_squares(problem, state, i, k)
+        squares = row_squares(problem, state, i, k, given)
         total += float(np.sum(squares if weights is None else squares * weights[i][k] ** 2))
     if problem.earlier is not None:
         total += float(np.sum(problem.earlier.rows(problem.mechanism, (), state.g)[0] ** 2))

@@ -91,9 +91,10 @@ def qr_factor(problem: Problem, state: State, keep: Sequence[Bools],
     size = len(problem.columns) + 1
     stack, earlier = np.zeros((0, size)), problem.earlier_rows(state, size)
     count: float = len(earlier)
+    given = problem.shared_stands(state, keep)
     for i in range(len(problem.datasets)):
         for part in white_blocks(problem, state, i, keep[i],
-                                 None if weights is None else weights[i]):
+                                 None if weights is None else weights[i], given):
             flat = part.rows.reshape(-1, size)
             # in pieces that stay in the cache, which halves the time
             for begin in range(0, len(flat), ROWS):

@@ -41,26 +41,34 @@ def normal_sums(problem: Problem, state: State, keep: Sequence[Bools],
     size = len(problem.columns) + 1
     earlier = problem.earlier_rows(state, size)
     total, count = earlier.T @ earlier, float(len(earlier))
+    given = problem.shared_stands(state, keep)
     for i in range(len(problem.datasets)):
-        own = _compiled_sums(problem, state, i, keep[i], None if weights is None else weights[i])
+        own = None if problem.companions[i] else _compiled_sums(
+            problem, state, i, keep[i], None if weights is None else weights[i])
         if own is not None:
             total += own[0]
             count += own[1]
             continue
         for part in white_blocks(problem, state, i, keep[i],
-                                 None if weights is None else weights[i]):
+                                 None if weights is None else weights[i], given):
             flat = part.rows.reshape(-1, size)
             total += flat.T @ flat
             count += problem.values(i, part.index, part.values)
     return NormalSums(total[:-1, :-1], total[:-1, -1], float(total[-1, -1]), count)
 
 
-def row_squares(problem: Problem, state: State, index: int, rows: Bools) -> Array:
-    """Return the white squares (n,) of some rows (N,) of a data set, which all have poses."""
+def row_squares(problem: Problem, state: State, index: int, rows: Bools,
+                given: Sequence[Bools] | None = None) -> Array:
+    """Return the white squares (n,) of some rows (N,) of a data set, which all have poses.
+
+    ``given``: as in :meth:`Problem.rows_of`.
+    """
     at = np.flatnonzero(rows)
     own = None
     sighting = problem.sighting(index, state)
-    if problem.mechanism.surplus:
+    if given is not None and problem.companions[index]:
+        pass    # their noise is not their own
+    elif problem.mechanism.surplus:
         own = _likely_squares(problem, state, index, at)
     elif sighting.plain:
         if at.size < compiled_limbs.MANY:
@@ -74,7 +82,8 @@ def row_squares(problem: Problem, state: State, index: int, rows: Bools) -> Arra
                                   for some in _pieces(at)])
     # the noise of joints, effects and distances take more than the residual itself
     return own if own is not None else np.concatenate([np.zeros(0), *(
-        np.sum(r.residual**2, axis=1) for r in problem.rows_of(index, state, False, rows))])
+        np.sum(r.residual**2, axis=1) for r in problem.rows_of(
+            index, state, False, rows, given))])
 
 
 def _few_squares(problem: Problem, state: State, index: int, rows: Ints) -> Array | None:
@@ -223,10 +232,15 @@ class WhiteBlock:
 
 
 def white_blocks(problem: Problem, state: State, index: int, keep: Bools,
-                 weights: Array | None = None) -> Iterator[WhiteBlock]:
-    """Yield the rows of one data set that have a pose; arguments as :func:`normal_sums`."""
+                 weights: Array | None = None, given: Sequence[Bools] | None = None
+                 ) -> Iterator[WhiteBlock]:
+    """Yield the rows of one data set that have a pose; arguments as :func:`normal_sums`.
+
+    ``given``: as in :meth:`Problem.rows_of`.
+    """
     size, rows = len(problem.columns) + 1, None
-    for rows in _compiled_rows(problem, state, index, keep, weights):
+    mixed = given is not None and bool(problem.companions[index])
+    for rows in () if mixed else _compiled_rows(problem, state, index, keep, weights):
         for begin in range(0, len(rows.values), AT_ONCE):
             some = slice(begin, begin + AT_ONCE)
             out = np.zeros((len(rows.values[some]), rows.size, size))
@@ -234,7 +248,7 @@ def white_blocks(problem: Problem, state: State, index: int, keep: Bools,
             yield WhiteBlock(rows.index[some], out, rows.values[some])
     if rows is not None:
         return
-    for part in problem.rows_of(index, state, True, keep):
+    for part in problem.rows_of(index, state, True, keep, given):
         block = np.concatenate([part.jacobian, part.residual[..., None]], axis=-1)
         if weights is not None:
             block *= weights[part.index][:, None, None]

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal import linalg
 from ppmcal.kinematics.closure import Closure
 from ppmcal.kinematics.instrument_readings import levelled, sensor_turn
 from ppmcal.kinematics.joint_readings import JointReading
@@ -285,8 +284,8 @@ def noise(data: Dataset, motion: Motion) -> Array:
                       data.sigma_position, data.sigma_rotation)
 
 
-def covariance(data: Dataset, motion: Motion) -> Array | None:
-    """Return that of the measured x, y, z (n, p, p), None where each is off by itself."""
+def position_noise(data: Dataset, motion: Motion) -> Array | None:
+    """Return the covariance of the measured x, y, z (n, p, p), None where each is off by itself."""
     if data.covariance is None:
         return None
     axes = [c for c in coordinates(data, motion) if c < 3]
@@ -343,36 +342,3 @@ def white_measurements(data: Dataset, motion: Motion, rows: Ints | slice = slice
     if data.weight is not None:
         white = np.sqrt(data.weight[rows])[:, None] * white
     return np.where(np.isfinite(own), own, 0.0), white, seen.sum(axis=1)
-
-
-def whitener(
-    view_: ResidualJacobian, sigma: Array, by_noise: Array | None, sigma_noise: Array,
-    together: Array | None = None,
-) -> Array:
-    """Return W (n, m, m) with W W^T the inverse covariance's root: W r is white.
-
-    Args:
-        view_: the rows; unmeasured coordinates get a unit row of their own.
-        sigma: standard deviations (n, m).
-        by_noise: d prediction / d(joints, and equations that gap) (n, m, k), or None without.
-        sigma_noise: their noise (k,), unit of q and m.
-        together: covariance of the first p <= m of what ``sigma`` is of (n, p, p), None where it
-            is diagonal.
-    """
-    m = sigma.shape[1]
-    safe = np.where(view_.observed, sigma, 1.0)
-    carries = by_noise is not None and bool(np.any(sigma_noise > 0.0))
-    if not carries and together is None:
-        return np.eye(m) / safe[..., None]
-    covariance = np.eye(m) * (safe**2)[..., None]
-    if by_noise is not None and carries:
-        carried = np.where(view_.observed[..., None], by_noise * sigma_noise, 0.0)
-        covariance = carried @ np.swapaxes(carried, -1, -2) + covariance
-    if together is not None:
-        p = together.shape[-1]
-        both = view_.observed[:, :p, None] & view_.observed[:, None, :p] & ~np.eye(p, dtype=bool)
-        covariance[:, :p, :p] += np.where(both, together, 0.0)
-    # scale to unit diagonal first: metres and radians differ by orders of magnitude
-    d = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-    root = linalg.cholesky(covariance / (d[..., :, None] * d[..., None, :]))
-    return np.asarray(linalg.inv(root) / d[..., None, :], dtype=float)

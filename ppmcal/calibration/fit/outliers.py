@@ -15,7 +15,7 @@ from ppmcal.calibration.fit.linearisation import parameter_scale, prior_weights
 from ppmcal.calibration.fit.normal_equations import row_squares, white_blocks
 from ppmcal.calibration.fit.observation import coordinates, gap_names, shown
 from ppmcal.calibration.fit.problem import Problem, State
-from ppmcal.calibration.fit.response import Rows
+from ppmcal.calibration.fit.white_rows import Rows
 from ppmcal.inference.priors import MOST_GROSS, NO_WEIGHT, NOISE_FREEDOM
 from ppmcal.inference.row_weights import row_weights
 from ppmcal.kinematics.registration import measured_pose
@@ -246,7 +246,9 @@ def find_gross_errors(fit: Fit, told: Fit | None = None) -> GrossErrors:
 
 def _left_out(fit: Fit) -> Iterator[GrossError]:
     motion = fit.problem.mechanism.motion
-    for rows in fit.problem.rows(fit.state, False, fit.outliers):
+    # each by itself, as rows are judged
+    for rows in (r for i, gone in enumerate(fit.outliers)
+                 for r in fit.problem.rows_of(i, fit.state, False, gone)):
         data = fit.problem.datasets[rows.dataset]
         places = coordinates(data, motion)
         worst = np.argmax(np.abs(rows.residual), axis=1)

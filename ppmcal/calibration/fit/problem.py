@@ -20,31 +20,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.calibration.fit.instrument_tables import Sighting
-from ppmcal.calibration.fit.latent_poses import most_likely
 from ppmcal.calibration.fit.nuisance_columns import NuisanceColumns, lay_out
-from ppmcal.calibration.fit.observation import (
-    ResidualJacobian,
-    covariance,
-    gap_noise,
-    joint_noise,
-    noise,
-    view,
-    white_measurements,
-    whitener,
-)
+from ppmcal.calibration.fit.observation import gap_noise, joint_noise, white_measurements
 from ppmcal.calibration.fit.poses_from_home import PosesFromHome
 from ppmcal.calibration.fit.prior_information import PriorInformation
+from ppmcal.calibration.fit.raw_rows import RawRows, RowMaker
 from ppmcal.calibration.fit.registration import no_pose, start_registration, unscaled
-from ppmcal.calibration.fit.response import Response, Rows, with_surplus
 from ppmcal.calibration.fit.unknown_directions import direction_sigma
+from ppmcal.calibration.fit.white_rows import Rows, white_rows
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import environment_of, shifted
-from ppmcal.kinematics.equilibrium import platform_pose, reached_poses, settle
-from ppmcal.kinematics.registration import by_displacement, displaced
+from ppmcal.kinematics.equilibrium import reached_poses, settle
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset, Environment, unknown_environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
+from ppmcal.model.sessions import companions
 
 CHUNK, LONG_CHUNK = 2048, 16384
 """Rows that are made at once, and without effects, where compiled loops hold next to nothing."""
@@ -84,7 +75,7 @@ def squares_by_noise_of(one: tuple[Problem, State], other: tuple[Problem, State]
     """
     (problem, state), (by, at) = one, other
     pairs = zip(problem.rows(state, False, keep), by.rows(at, False, keep), strict=True)
-    return sum(float(np.sum((noise.whitener @ np.where(r.observed, r.raw, 0.0)[..., None])**2))
+    return sum(float(np.sum(noise.whitened(r.raw, [c.raw for c in r.companions])**2))
                for r, noise in pairs)
 
 
@@ -300,22 +291,44 @@ class Problem:
 
     def rows(self, state: State, jacobian: bool = True,
              keep: Sequence[NDArray[np.bool_]] | None = None) -> Iterator[Rows]:
-        """Yield whitened rows of all data sets, chunk by chunk.
+        """Yield whitened rows of all data sets, chunk by chunk; all of them are white together.
 
         Rows whose pose is unknown (nan), and those not in ``keep``, are left out.
         """
-        for i in range(len(self.datasets)):
-            yield from self.rows_of(i, state, jacobian, None if keep is None else keep[i])
+        whole = self.used(state, keep)
+        for i, own in enumerate(whole):
+            yield from self.rows_of(i, state, jacobian, own, whole)
 
-    def rows_of(self, i: int, state: State, jacobian: bool = True, keep: Bools | None = None
-                ) -> Iterator[Rows]:
-        """Yield whitened rows of one data set, chunk by chunk; see :meth:`rows`."""
+    def shared_stands(self, state: State, keep: Sequence[Bools]) -> list[Bools] | None:
+        """Return the rows used where targets share stands, and their noise; None where none do."""
+        return self.used(state, keep) if any(self.companions) else None
+
+    def used(self, state: State, keep: Sequence[Bools] | None) -> list[Bools]:
+        """Return which rows (N,) of each data set have a pose and are in ``keep``, if given."""
+        there = [finite_rows(pose) for pose in state.poses]
+        return there if keep is None else [t & k for t, k in zip(there, keep, strict=True)]
+
+    def rows_of(self, i: int, state: State, jacobian: bool = True, keep: Bools | None = None,
+                given: Sequence[Bools] | None = None) -> Iterator[Rows]:
+        """Yield whitened rows of one data set, chunk by chunk; see :meth:`rows`.
+
+        ``given``: rows (N,) of all data sets; those of earlier targets at the same stands, whose
+        joints have the same noise, are known already. None: the rows are white by themselves.
+        """
         usable = finite_rows(state.poses[i])
         if keep is not None:
             usable &= keep
         index = np.flatnonzero(usable)
         for begin in range(0, index.size, CHUNK):
-            yield self._chunk(i, self.datasets[i], index[begin:begin + CHUNK], state, jacobian)
+            yield self._chunk(i, index[begin:begin + CHUNK], state, jacobian, given)
+
+    @cached_property
+    def companions(self) -> list[list[tuple[int, Ints]]]:
+        """The earlier targets at the stands of each data set's rows; see :func:`companions`."""
+        if not any(self.noisy_closure):
+            return [[] for _ in self.datasets]
+        return [[(j, rows) for j, rows in own if self.noisy_closure[i] and self.noisy_closure[j]]
+                for i, own in enumerate(companions(self.datasets))]
 
     def earlier_rows(self, state: State, size: int) -> Array:
         """Return what earlier measurements say as white rows (k, size), the residual last."""
@@ -345,10 +358,20 @@ class Problem:
     def _kept(self) -> dict[int, tuple[Array, Array, Ints]]:
         return {}
 
-    def _chunk(self, i: int, data: Dataset, index: Ints, state: State, jacobian: bool) -> Rows:
-        part, registration, motion = data.take(index), state.registrations[i], self.mechanism.motion
-        with_noise, gaps = self.noisy_closure[i], self.sigma_gaps[i]
-        asked = jacobian or with_noise
+    def _chunk(self, i: int, index: Ints, state: State, jacobian: bool,
+               given: Sequence[Bools] | None) -> Rows:
+        own = self._raw(i, index, state, jacobian)
+        others: list[tuple[int, Ints, RawRows]] = []
+        for j, rows in self.companions[i] if given is not None else ():
+            at = rows[index]
+            there = (at >= 0) & given[j][at] if given is not None else at >= 0
+            if there.any():
+                at = np.where(there, at, at[there][0])
+                others.append((j, at, self._raw(j, at, state, jacobian).only(there)))
+                own = own.without_surplus(there)
+        return white_rows(i, index, own, others)
+
+    def _raw(self, i: int, index: Ints, state: State, jacobian: bool) -> RawRows:
         rows = self._at(i, index)
 
         def surroundings() -> Environment:
@@ -357,73 +380,5 @@ class Problem:
 
         ends = self.ends(i, state, index)
         models = [shifted(Model(self.mechanism, state.g), rows, q, pose) for q, pose in ends]
-        shift = models[0].shift
-
-        def look(*closed: Array) -> ResidualJacobian:
-            platforms = [platform_pose(pose, model.shift)
-                         for pose, model in zip(closed, models, strict=True)]
-            # a joint is in a limb, before what moves the platform beyond it
-            at_joint = data.kind.placed is not None
-            seen = view(part, registration,
-                        closed if at_joint else [displaced(p, shift) for p in platforms], motion,
-                        self.opens[i].about, shift.stretch if shift else None,
-                        [] if data.kind.of_poses else [m.closure(q) for (q, _), m in
-                                                       zip(ends, models, strict=True)])
-            if at_joint:
-                return seen
-            moved = [by_displacement(p, shift) for p in platforms]
-            return replace(seen, by_poses=tuple(
-                by if d is None else by @ d for by, d in zip(seen.by_poses, moved, strict=True)))
-
-        sigma_seen, together = noise(part, motion), covariance(part, motion)
-        if self.mechanism.surplus and len(ends) == 1:
-            (q, pose), = ends
-            closure = models[0].closure(q)
-            found = self.sighting(i, state).likely_poses(index, pose, closure)
-            ends = [(q, most_likely(closure, look, pose, sigma_seen, self.sigma_joints[i],
-                                         gaps)
-                     if found is None else found)]
-        seen = look(*(pose for _, pose in ends))
-        bases: list[tuple[Array, slice] | None] = [None] * len(ends)
-        if self.mechanism.surplus:
-            seen, bases = with_surplus(seen, [model.closure(q) for (q, _), model in
-                                              zip(ends, models, strict=True)],
-                                       [pose for _, pose in ends])
-            sigma_seen = np.pad(sigma_seen, ((0, 0), (0, seen.residual.shape[1]
-                                                      - sigma_seen.shape[1])))
-        n, m = seen.residual.shape
-        full = np.zeros((n, m, len(self.columns) if jacobian else 0))
-        by_noise: list[Array] = []
-        responses: list[Response] = []
-        if asked:
-            for end, ((q, pose), model) in enumerate(zip(ends, models, strict=True)):
-                closure = model.closure(q, self.free if jacobian else ())
-                response = Response(closure, pose, seen, surroundings, end, bases[end])
-                responses.append(response)
-                if with_noise:
-                    by_noise.append(response.by_joint)
-                    if gaps.any():
-                        by_noise.append(response.by_equation)
-                if jacobian:
-                    own = np.zeros_like(full) if end else full
-                    response.geometry_columns(own, self.free, self.opens[i].homing)
-                    response.effect_columns(own, self.free)
-                    if end:
-                        full += own
-            if jacobian:
-                self.opens[i].fill(full, seen)
-        sigma = [self.sigma_joints[i], gaps] if gaps.any() else [self.sigma_joints[i]]
-        white = whitener(seen, sigma_seen,
-                         np.concatenate(by_noise, axis=-1) if by_noise else None,
-                         np.concatenate(sigma * len(ends)), together)
-        if part.weight is not None:
-            white = np.sqrt(part.weight)[:, None, None] * white
-        full = np.where(seen.observed[..., None], full, 0.0)
-        if with_noise or together is not None:
-            residual, full = (white @ seen.residual[..., None])[..., 0], white @ full
-        else:
-            diagonal = np.diagonal(white, axis1=-2, axis2=-1)
-            residual, full = diagonal * seen.residual, diagonal[..., None] * full
-        first, second = (*responses, None, None)[:2]
-        return Rows(i, index, residual, full, seen.observed, seen.residual, white, first, second,
-                    part.weight, len(ends) * self.mechanism.surplus)
+        return RowMaker(self.sighting(i, state), models, ends, surroundings, self.free,
+                        len(self.columns) if jacobian else None).made(index)

@@ -1,4 +1,4 @@
-"""White rows, and how their predictions move along shifts of any kind."""
+"""How the predictions of rows move along shifts of any kind."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal import linalg
 from ppmcal.calibration.fit.observation import ResidualJacobian
 from ppmcal.kinematics.closure import Closure
 from ppmcal.kinematics.compiled_limbs import compiled_limbs
@@ -17,7 +16,7 @@ from ppmcal.kinematics.effect_response import effect_terms, setting
 from ppmcal.kinematics.equilibrium import platform_pose
 from ppmcal.kinematics.least_squares_closure import closed_by, held_by, surplus
 from ppmcal.kinematics.registration import displacement_twists
-from ppmcal.linalg import Array, Bools, Ints
+from ppmcal.linalg import Array
 from ppmcal.model.dataset import Environment
 from ppmcal.model.effects import Setting, Shift
 
@@ -192,49 +191,3 @@ def with_surplus(seen: ResidualJacobian, closures: Sequence[Closure], poses: Seq
         first += own.shape[-1]
     residual = np.where(seen.observed, residual, 0.0)
     return replace(seen, residual=residual).beside(-np.concatenate(gaps, axis=1)), bases
-
-
-@dataclass(frozen=True)
-class Rows:
-    """One chunk of whitened rows.
-
-    ``residual`` (n, m) white; ``jacobian`` (n, m, C) of the white prediction;
-    ``observed`` (n, m); ``raw`` (n, m) in m and rad; ``whitener`` (n, m, m);
-    ``index`` (n,) rows of the data set; ``response`` how predictions move along shifts,
-    None where no Jacobian was asked for; ``second``: along those of the other end of a distance
-    between two platform positions; ``weight`` (n,): as of the data set; ``surplus``: how many of
-    the m values, the last, are what no pose explains of the closure.
-    """
-
-    dataset: int
-    index: Ints
-    residual: Array
-    jacobian: Array
-    observed: Bools
-    raw: Array
-    whitener: Array
-    response: Response | None = None
-    second: Response | None = None
-    weight: Array | None = None
-    surplus: int = 0
-
-    @property
-    def measured(self) -> Array:
-        """The errors of what the instrument measures, m and rad, nan where it does not."""
-        own = slice(self.raw.shape[1] - self.surplus)
-        return np.where(self.observed[:, own], self.raw[:, own], np.nan)
-
-    def raw_jacobian(self) -> Array:
-        """Return d prediction of what the instrument measures (n, m, C), m and rad, unweighted."""
-        whole = linalg.solve(self.whitener, self.jacobian)
-        return np.asarray(whole[:, :whole.shape[1] - self.surplus])
-
-    @property
-    def count(self) -> float:
-        """How many values were measured, each by its row's weight."""
-        each = self.observed.sum(axis=1)
-        return int(each.sum()) if self.weight is None else float(self.weight @ each)
-
-    def squares(self) -> tuple[float, float]:
-        """Return the sum of white squares of what was measured, and how many values that is."""
-        return float(np.sum(np.where(self.observed, self.residual, 0.0) ** 2)), self.count

@@ -75,8 +75,9 @@ def unit_rows(fit: Fit) -> Iterator[tuple[int, WhiteBlock]]:
     """Yield the rows of a fit by data set, white by its noise, columns in natural units."""
     # the problem's rows are white by the stated noise
     unit = np.append(fit.scale, 1.0) / fit.noise
+    given = fit.problem.shared_stands(fit.state, fit.keep)
     for i, keep in enumerate(fit.keep):
-        for block in white_blocks(fit.problem, fit.state, i, keep):
+        for block in white_blocks(fit.problem, fit.state, i, keep, given=given):
             yield i, replace(block, rows=block.rows * unit)
 
 

@@ -201,19 +201,26 @@ def _columns(own: Problem, problem: Problem) -> _Columns:
                     place)
 
 
-def _blocks(fit: Fit, problem: Problem, columns: _Columns, keep: Sequence[Bools]
-            ) -> Iterator[tuple[Rows, Array]]:
-    """Yield rows with their block (n, m, F + K + E + 1): parameters, candidates, gone, residual."""
+def _blocks(fit: Fit, problem: Problem, columns: _Columns, keep: Sequence[Bools],
+            apart: bool = False) -> Iterator[tuple[Rows, Array]]:
+    """Yield rows with their block (n, m, F + K + E + 1): parameters, candidates, gone, residual.
+
+    ``apart``: rows of targets at one stand are white each by themselves, not together.
+    """
     free = len(fit.problem.free)
     at = {n: free + i for i, n in enumerate(columns.names)}
     size = free + len(at) + len(columns.gone) + 1
-    for rows in problem.rows(fit.state, True, keep):
+    each = (r for i, k in enumerate(keep) for r in problem.rows_of(i, fit.state, True, k)
+            ) if apart else problem.rows(fit.state, True, keep)
+    for rows in each:
         data, jacobian = problem.datasets[rows.dataset], rows.jacobian
         block = np.zeros((*rows.residual.shape, size))
         block[..., :free] = jacobian[..., :free]
-        homing = problem.opens[rows.dataset].homing
+        homed = [problem.opens[i].homing for i in (rows.dataset, *(
+            c.dataset for c in rows.companions))]
         for c, a in enumerate(problem.mechanism.actuators):
-            block[..., at[f"homing.{a} of {SESSION}"]] = jacobian[..., homing.start + c]
+            block[..., at[f"homing.{a} of {SESSION}"]] = sum(
+                jacobian[..., homing.start + c] for homing in homed)
         for name, c in columns.place.items():
             block[..., at[name]] = jacobian[..., c]
         if data.kind.touches:
@@ -252,6 +259,12 @@ def _sights(fit: Fit, problem: Problem, columns: _Columns, found: _Reduced
         data = problem.datasets[rows.dataset]
         rest = np.where(rows.observed, block[..., -1] - block[..., :-1] @ found.step, 0.0)
         square += _scores(block[..., :-1] @ found.basis, rest, data.groups[rows.index])
+        if not problem.companions[rows.dataset]:
+            left[rows.dataset].append((data.q[rows.index], _raw(fit, rows, data, rest)))
+    for rows, block in _blocks(fit, problem, columns, [
+            k & bool(c) for k, c in zip(some, problem.companions, strict=True)], apart=True):
+        data = problem.datasets[rows.dataset]
+        rest = block[..., -1] - block[..., :-1] @ found.step
         left[rows.dataset].append((data.q[rows.index], _raw(fit, rows, data, rest)))
     share = sum(int(k.sum()) for k in some) / max(1, sum(int(k.sum()) for k in fit.keep))
     sights = []

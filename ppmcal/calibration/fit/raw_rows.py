@@ -1,0 +1,221 @@
+"""Rows before they are white: residuals with their columns, and what their noise is made of.
+
+The noise of a row is that of the instrument, coordinate by coordinate or, of a tracker, one
+covariance of the position; and that of the joints, carried to what is measured by the geometry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ppmcal import linalg
+from ppmcal.calibration.fit.instrument_tables import Sighting
+from ppmcal.calibration.fit.latent_poses import most_likely
+from ppmcal.calibration.fit.observation import (
+    ResidualJacobian,
+    noise,
+    position_noise,
+    view,
+)
+from ppmcal.calibration.fit.response import Response, with_surplus
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.equilibrium import platform_pose
+from ppmcal.kinematics.registration import by_displacement, displaced
+from ppmcal.linalg import Array, Bools, Ints
+from ppmcal.model.dataset import Environment
+
+
+@dataclass(frozen=True, eq=False)
+class RawRows:
+    """Rows before they are white; of those that are not there nothing is observed.
+
+    Attributes:
+        seen: with the residuals (n, m).
+        jacobian: of the prediction (n, m, C).
+        sigma: standard deviations of the instrument (n, m).
+        position: covariance of the first p <= m of what ``sigma`` is of (n, p, p), None where it is
+            diagonal.
+        carried: what one standard deviation of each joint, and of each equation that gaps, does to
+            a row (n, m, k); None where they have no noise.
+        weight: of each row (n,), None: all alike.
+        responses: of the row's ends.
+        surplus: how many of the m values, the last, are what no pose explains of the closure.
+    """
+
+    seen: ResidualJacobian
+    jacobian: Array
+    sigma: Array
+    position: Array | None
+    carried: Array | None
+    weight: Array | None
+    responses: tuple[Response, ...]
+    surplus: int
+
+    @property
+    def each_by_itself(self) -> bool:
+        """Whether the noise of each value has nothing to do with that of another."""
+        return self.carried is None and self.position is None
+
+    @property
+    def moved(self) -> Array:
+        """What the noise of joints and gaps does to what was observed (n, m, k); k may be 0."""
+        if self.carried is None:
+            return np.zeros((*self.sigma.shape, 0))
+        return np.where(self.seen.observed[..., None], self.carried, 0.0)
+
+    def covariance(self) -> Array:
+        """Return the noise's covariance (n, m, m); what was not observed has 1 by itself."""
+        safe = np.where(self.seen.observed, self.sigma, 1.0)
+        out = np.eye(safe.shape[1]) * (safe**2)[..., None]
+        if self.carried is not None:
+            moved = self.moved
+            out = moved @ np.swapaxes(moved, -1, -2) + out
+        if self.position is not None:
+            p = self.position.shape[-1]
+            observed = self.seen.observed[:, :p]
+            both = observed[:, :, None] & observed[:, None, :] & ~np.eye(p, dtype=bool)
+            out[:, :p, :p] += np.where(both, self.position, 0.0)
+        return np.asarray(out)
+
+    def whitener(self) -> Array:
+        """Return W (n, m, m), the inverse of the covariance's lower root: W r is white."""
+        if self.each_by_itself:
+            return np.eye(self.sigma.shape[1]) / np.where(
+                self.seen.observed, self.sigma, 1.0)[..., None]
+        return inverse_root(self.covariance())
+
+    def whitener_given(self, others: Sequence[RawRows]) -> Array:
+        """Return W (n, m, M): what makes rows white, given others that were read at these joints.
+
+        The last m rows of the inverse root of the covariance of all M values, the others' first
+        (Golub and Van Loan, 4.2.9). A row of less weight is believed as much less.
+        """
+        rows = (*others, self)
+        moved = np.concatenate([r.moved for r in rows], axis=1)
+        whole = moved @ np.swapaxes(moved, -1, -2)
+        begin = 0
+        for r in rows:
+            end = begin + r.sigma.shape[1]
+            less = None if r is self else r.weight
+            whole[:, begin:end, begin:end] = r.covariance() / (
+                1.0 if less is None else less[:, None, None])
+            begin = end
+        return inverse_root(whole)[:, -self.sigma.shape[1]:]
+
+    def only(self, there: Bools) -> RawRows:
+        """Return them with nothing observed in rows that are not ``there`` (n,)."""
+        return self._observed(self.seen.observed & there[:, None])
+
+    def without_surplus(self, there: Bools) -> RawRows:
+        """Return them without what rows ``there`` (n,) tell of the closure alone."""
+        m = self.sigma.shape[1]
+        last = np.arange(m) >= m - self.surplus
+        return self._observed(self.seen.observed & ~(last & there[:, None]))
+
+    def _observed(self, observed: Bools) -> RawRows:
+        return replace(self, seen=replace(self.seen, observed=observed))
+
+
+def inverse_root(covariance: Array) -> Array:
+    """Return the inverse of the lower root of covariances (n, m, m)."""
+    # scale to unit diagonal first: metres and radians differ by orders of magnitude
+    d = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    root = linalg.cholesky(covariance / (d[..., :, None] * d[..., None, :]))
+    return np.asarray(linalg.inv(root) / d[..., None, :], dtype=float)
+
+
+@dataclass(frozen=True, eq=False)
+class RowMaker:
+    """What makes some rows (n,) of a data set.
+
+    Attributes:
+        sighting: the data set, as its instrument sees the machine.
+        models: the machine with the effects that act in these rows, at each of a row's ends.
+        ends: joint values (n, k) and poses (n, 8) of each.
+        surroundings: what effects depend on, whatever the machine has.
+        free: parameters that the columns are of; ``columns``: how many these and the data sets'
+            own are, None where no Jacobian is asked for.
+    """
+
+    sighting: Sighting
+    models: Sequence[Model]
+    ends: Sequence[tuple[Array, Array]]
+    surroundings: Callable[[], Environment]
+    free: Sequence[int]
+    columns: int | None
+
+    def made(self, index: Ints) -> RawRows:
+        """Return the rows ``index`` (n,)."""
+        sighting, motion = self.sighting, self.sighting.mechanism.motion
+        part = replace(sighting, data=sighting.data.take(index))
+        sigma, surplus = noise(part.data, motion), sighting.mechanism.surplus
+        ends = self._likely(part, index, sigma) if surplus and len(self.ends) == 1 else self.ends
+        seen = self._look(part, [pose for _, pose in ends])
+        bases: list[tuple[Array, slice] | None] = [None] * len(ends)
+        if surplus:
+            seen, bases = with_surplus(
+                seen, [m.closure(q) for (q, _), m in zip(ends, self.models, strict=True)],
+                [pose for _, pose in ends])
+            sigma = np.pad(sigma, ((0, 0), (0, seen.residual.shape[1] - sigma.shape[1])))
+        noisy = bool(np.any(sighting.sigma_joint > 0.0) or np.any(sighting.sigma_gap > 0.0))
+        responses = tuple(
+            Response(model.closure(q, () if self.columns is None else self.free), pose, seen,
+                     self.surroundings, end, bases[end])
+            for end, ((q, pose), model) in enumerate(zip(ends, self.models, strict=True))
+        ) if noisy or self.columns is not None else ()
+        return RawRows(
+            seen, np.where(seen.observed[..., None], self._jacobian(seen, responses), 0.0), sigma,
+            position_noise(part.data, motion), self._carried(responses) if noisy else None,
+            part.data.weight, responses, len(ends) * surplus)
+
+    def _look(self, part: Sighting, closed: Sequence[Array]) -> ResidualJacobian:
+        """Return what the instrument sees of some rows at poses (n, 8) that close."""
+        shift, data = self.models[0].shift, part.data
+        platforms = [platform_pose(pose, model.shift)
+                     for pose, model in zip(closed, self.models, strict=True)]
+        # a joint is in a limb, before what moves the platform beyond it
+        at_joint = data.kind.placed is not None
+        seen = view(data, part.registration,
+                    closed if at_joint else [displaced(p, shift) for p in platforms],
+                    part.mechanism.motion, part.columns.about, shift.stretch if shift else None,
+                    [] if data.kind.of_poses else [m.closure(q) for (q, _), m in zip(
+                        self.ends, self.models, strict=True)])
+        if at_joint:
+            return seen
+        moved = [by_displacement(p, shift) for p in platforms]
+        return replace(seen, by_poses=tuple(
+            by if d is None else by @ d for by, d in zip(seen.by_poses, moved, strict=True)))
+
+    def _likely(self, part: Sighting, index: Ints, sigma: Array) -> list[tuple[Array, Array]]:
+        """Return joints and poses where rows of contradicting limbs most likely stood."""
+        (q, pose), = self.ends
+        closure = self.models[0].closure(q)
+        found = self.sighting.likely_poses(index, pose, closure)
+        return [(q, most_likely(closure, lambda at: self._look(part, [at]), pose, sigma,
+                                part.sigma_joint, part.sigma_gap) if found is None else found)]
+
+    def _carried(self, responses: Sequence[Response]) -> Array:
+        """Return what one sigma of joints and gaps does to rows (n, m, k)."""
+        joints, gaps = self.sighting.sigma_joint, self.sighting.sigma_gap
+        by_noise = [by for r in responses for by in (
+            [r.by_joint, r.by_equation] if gaps.any() else [r.by_joint])]
+        sigma = [joints, gaps] if gaps.any() else [joints]
+        return np.asarray(np.concatenate(by_noise, axis=-1)
+                          * np.concatenate(sigma * len(responses)))
+
+    def _jacobian(self, seen: ResidualJacobian, responses: Sequence[Response]) -> Array:
+        """Return the columns (n, m, C) of geometry, effects and the data set's own unknowns."""
+        full = np.zeros((*seen.residual.shape, self.columns or 0))
+        if self.columns is None:
+            return full
+        for response in responses:
+            own = np.zeros_like(full) if response.end else full
+            response.geometry_columns(own, self.free, self.sighting.columns.homing)
+            response.effect_columns(own, self.free)
+            if response.end:
+                full += own
+        self.sighting.columns.fill(full, seen)
+        return full

@@ -1,0 +1,166 @@
+"""Rows whose values are white: in units of their noise, which is independent from one to another.
+
+Targets that were seen at one stand have the noise of its joints in common. Their rows are white
+one after the other: those of a target given those of the targets before it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ppmcal import linalg
+from ppmcal.calibration.fit.raw_rows import RawRows
+from ppmcal.calibration.fit.response import Response
+from ppmcal.linalg import Array, Bools, Ints
+
+
+@dataclass(frozen=True, eq=False)
+class Companion:
+    """What another target showed at the stands of n rows, whose noise is partly the same.
+
+    Attributes:
+        dataset: of that target; ``index`` (n,): its rows, any of them where it has none.
+        mix: what white rows take of its m' values (n, m, m'); 0 where it has no row.
+        observed, raw: its values (n, m'), as in :class:`Rows`; ``jacobian`` (n, m', C) of their
+            prediction, m and rad.
+        response: how these move along shifts.
+    """
+
+    dataset: int
+    index: Ints
+    mix: Array
+    observed: Bools
+    raw: Array
+    jacobian: Array
+    response: Response
+
+    def share(self, raw: Array) -> Array:
+        """Return what values (n, m') of the companion add to white rows (n, m)."""
+        return np.asarray((self.mix @ np.where(self.observed, raw, 0.0)[..., None])[..., 0])
+
+    @property
+    def columns(self) -> Array:
+        """What its columns add to those of white rows (n, m, C)."""
+        return np.asarray(self.mix @ self.jacobian)
+
+
+@dataclass(frozen=True)
+class Rows:
+    """One chunk of whitened rows.
+
+    ``residual`` (n, m) white; ``jacobian`` (n, m, C) of the white prediction;
+    ``observed`` (n, m); ``raw`` (n, m) in m and rad; ``whitener`` (n, m, m);
+    ``index`` (n,) rows of the data set; ``response`` how predictions move along shifts,
+    None where no Jacobian was asked for; ``second``: along those of the other end of a distance
+    between two platform positions; ``weight`` (n,): as of the data set; ``surplus``: how many of
+    the m values, the last, are what no pose explains of the closure; ``companions``: other targets
+    at the same stands, given which these rows are white: ``whitener @ raw`` and their shares.
+    """
+
+    dataset: int
+    index: Ints
+    residual: Array
+    jacobian: Array
+    observed: Bools
+    raw: Array
+    whitener: Array
+    response: Response | None = None
+    second: Response | None = None
+    weight: Array | None = None
+    surplus: int = 0
+    companions: tuple[Companion, ...] = ()
+
+    def whitened(self, raw: Array, others: Sequence[Array] | None = None) -> Array:
+        """Return values (n, m), m and rad, as white ones; of the companions (n, m') each.
+
+        ``others`` None: theirs are 0.
+        """
+        out = np.asarray((self.whitener @ np.where(self.observed, raw, 0.0)[..., None])[..., 0])
+        for companion, values in zip(self.companions, others or (), strict=False):
+            out = out + companion.share(values)
+        return out
+
+    @property
+    def measured(self) -> Array:
+        """The errors of what the instrument measures, m and rad, nan where it does not."""
+        own = slice(self.raw.shape[1] - self.surplus)
+        return np.where(self.observed[:, own], self.raw[:, own], np.nan)
+
+    @property
+    def own_jacobian(self) -> Array:
+        """White columns (n, m, C) by the rows' own values, without what companions add."""
+        out = self.jacobian
+        for companion in self.companions:
+            out = out - companion.columns
+        return out
+
+    def raw_jacobian(self) -> Array:
+        """Return d prediction of what the instrument measures (n, m, C), m and rad, unweighted."""
+        whole = linalg.solve(self.whitener, self.own_jacobian)
+        return np.asarray(whole[:, :whole.shape[1] - self.surplus])
+
+    def some_columns(self, group: Mapping[int, tuple[slice, Bools]]) -> Array | float:
+        """Return white columns (n, m, T) that act in some rows only.
+
+        Args:
+            group: by data set which of the C columns, T of them, and in which of its rows (N,).
+
+        Returns:
+            0 where none of these data sets is in the rows.
+        """
+        parts = ([(self.dataset, self.index, self.own_jacobian)] if self.dataset in group else [])
+        parts += [(c.dataset, c.index, c.columns) for c in self.companions if c.dataset in group]
+        out: Array | float = 0.0
+        for dataset, index, jacobian in parts:
+            at, acts = group[dataset]
+            out = out + jacobian[..., at] * acts[index][:, None, None]
+        return out
+
+    @property
+    def count(self) -> float:
+        """How many values were measured, each by its row's weight."""
+        each = self.observed.sum(axis=1)
+        return int(each.sum()) if self.weight is None else float(self.weight @ each)
+
+    def squares(self) -> tuple[float, float]:
+        """Return the sum of white squares of what was measured, and how many values that is."""
+        return float(np.sum(np.where(self.observed, self.residual, 0.0) ** 2)), self.count
+
+
+def white_rows(dataset: int, index: Ints, own: RawRows,
+               others: Sequence[tuple[int, Ints, RawRows]]) -> Rows:
+    """Return rows ``index`` (n,) of a data set made white.
+
+    Args:
+        dataset: number of the data set.
+        index: which of its rows.
+        own: these rows.
+        others: data set, rows (n,) and values of each other target at the same stands.
+    """
+    seen, root = own.seen, None if own.weight is None else np.sqrt(own.weight)[:, None, None]
+    m = seen.residual.shape[1]
+    whole = own.whitener_given([r for _, _, r in others]) if others else own.whitener()
+    whole = whole if root is None else root * whole
+    white, companions, begin = whole[..., -m:], list[Companion](), 0
+    for number, rows, r in others:
+        end = begin + r.seen.residual.shape[1]
+        companions.append(Companion(
+            number, rows, whole[..., begin:end], r.seen.observed, r.seen.residual,
+            np.where(r.seen.observed[..., None], r.jacobian, 0.0), r.responses[0]))
+        begin = end
+    observed = seen.observed
+    if own.each_by_itself:
+        diagonal = np.diagonal(white, axis1=-2, axis2=-1)
+        residual, full = diagonal * seen.residual, diagonal[..., None] * own.jacobian
+    else:
+        residual = (white @ np.where(observed, seen.residual, 0.0)[..., None])[..., 0]
+        full = white @ np.where(observed[..., None], own.jacobian, 0.0)
+        for companion in companions:
+            residual = residual + companion.share(companion.raw)
+            full = full + companion.columns
+    first, second = (*own.responses, None, None)[:2]
+    return Rows(dataset, index, residual, full, observed, seen.residual, white, first, second,
+                own.weight, own.surplus, tuple(companions))
