@@ -30,6 +30,7 @@ from ppmcal.io.measurement_columns import (
 )
 from ppmcal.io.noise_limits import refuse_noise
 from ppmcal.io.reading import in_conventions, in_units
+from ppmcal.io.recorded import form_of
 from ppmcal.io.sidecar import (
     SidecarFile,
     actuator_noise,
@@ -132,7 +133,9 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism,
                                     known, source)
     columns, findings = [c for c in columns if c.name not in strange], [*findings, *more]
     table = _in_seconds(named(table, columns), read)
-    plain = in_units(table, declared(columns, table, read, side), read, mechanism, units, kind)
+    columns = declared(columns, table, read, side)
+    recorded = form_of(table, columns, read, mechanism, units)
+    plain = in_units(table, columns, read, mechanism, units, kind)
     table = in_conventions(plain, read, mechanism, units, side)
     names.check_columns(table.header, mechanism, source, kind)
     findings += names.ambiguous_directions(table.header, mechanism, source)
@@ -167,7 +170,7 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism,
                                      *_contradicted(labels, groups, source)),
         extra=_fixed_point(file, to_q, mechanism, units, side), units=units,
         convention=convention, read=read.model_dump(exclude_unset=True),
-        headers=headers)
+        headers=headers, recorded=recorded)
     data.kind.refuse(mechanism.motion, mechanism.surplus, side, mechanism.gravity)
     refuse_noise(data, mechanism, side)
     _remark(data, table, file, side)

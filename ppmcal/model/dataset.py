@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ppmcal.linalg import Array, Bools, Ints, row_by_row, taken, ways
 from ppmcal.model.history import History, history_of, straight
 from ppmcal.model.instruments import POSE, InstrumentKind
+from ppmcal.model.recorded import RecordedForm
 from ppmcal.notes import Note
 from ppmcal.units import SI, Units
 from ppmcal.wording import pluralize
@@ -84,6 +85,7 @@ class Dataset:
         convention: in which its rotation columns were read: ``rotvec``, ``quat-xyzw`` ...
         read: the sidecar's own block ``read``.
         headers: our column -> the file's header, where they differ.
+        recorded: how the file has joints or commanded poses; None: not as a file has them.
         chance: that two measurements of one pose agree in every digit, by noise and digits.
         before: rows of the campaign's files before this one.
         moments: the rows' numbers on the time line of the campaign (N,); None: one after another,
@@ -134,6 +136,7 @@ class Dataset:
     convention: str = "rotvec"
     read: Mapping[str, Any] = field(default_factory=dict)
     headers: Mapping[str, str] = field(default_factory=dict)
+    recorded: RecordedForm | None = None
     chance: float = 1.0
     before: int = 0
     moments: Ints | None = None

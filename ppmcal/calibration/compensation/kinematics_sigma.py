@@ -6,6 +6,7 @@ pose stays where dq = -P^-1 J dg. So covariances of parameters become those of p
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -142,6 +143,22 @@ def _joints_of_poses(model: Model, pose: Array, q: Array) -> Array:
     size = np.array([1.0 if c < 3 else model.mechanism.length_scale for c in model.mechanism.dof])
     out[good] = pinv(poses[good] * size[:, None]) * size
     return out
+
+
+def joint_resolution(model: Model, at: PoseRows, position: float, rotation: float) -> Array:
+    """Return the largest steps of joint values (k,), unit of q, by which commands may be rounded.
+
+    Rounded to them, all joints together move the platform by at most ``position`` m and
+    ``rotation`` rad, rms, at the pose where they move it most; infinite where they do not move it.
+    """
+    closure, motor = model.closure(at.q[at.known]), pose_motor(at.pose[at.known])
+    poses = pinv(closure.pose_matrix(motor)) @ closure.joint_matrix(motor)
+    places = np.array([c < 3 for c in model.mechanism.dof])
+    allowed = math.sqrt(12.0 / at.q.shape[1])    # a rounding is even over its step
+    with np.errstate(divide="ignore"):
+        steps = [allowed * size / np.linalg.norm(poses[:, part], axis=1).max(axis=0, initial=0.0)
+                 for size, part in ((position, places), (rotation, ~places))]
+    return np.asarray(np.minimum(*steps))
 
 
 def _beyond_parameters(model: Model, at: PoseRows, turn: Array,

@@ -182,5 +182,6 @@ def _datasets(result: Identification) -> tuple[FittedDataset, ...]:
         name=d.name, source=d.source, kind=d.kind.name, rows=len(d), used=int(k.sum()),
         registration=RegistrationEntry.of(stands.get(d.name, Registration()), units, d.kind),
         registration_before=RegistrationEntry.of(
-            result.before_registrations.get(d.name, Registration()), units, d.kind))
+            result.before_registrations.get(d.name, Registration()), units, d.kind),
+        **({} if d.recorded is None or d.recorded.as_machine else {"recorded": d.recorded}))
         for d, k in zip(fit.problem.datasets, fit.keep, strict=True))

@@ -24,6 +24,7 @@ from ppmcal.io.results.units import (
 from ppmcal.linalg import Array
 from ppmcal.model.instruments import InstrumentKind
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.recorded import RecordedForm
 from ppmcal.model.registration import Registration
 from ppmcal.units import Angle, Key, Length, OfUnit, Units
 from ppmcal.wording import number
@@ -175,7 +176,10 @@ class RegistrationEntry(Part):
 
 
 class FittedDataset(Part):
-    """A data set of a fit: its file, its ``rows``, how many were ``used``, where it stood."""
+    """A data set of a fit: its file, its ``rows``, how many were ``used``, where it stood.
+
+    ``recorded``: how the file has joints, where that is not as the mechanism file.
+    """
 
     name: Text = ""
     source: Text = ""
@@ -184,6 +188,7 @@ class FittedDataset(Part):
     used: Whole | None = None
     registration: RegistrationEntry | None = None
     registration_before: RegistrationEntry | None = None
+    recorded: RecordedForm | None = None
 
 
 class HeldParameters(Part):
