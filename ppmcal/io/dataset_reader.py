@@ -21,6 +21,7 @@ from ppmcal.io import column_names as names
 from ppmcal.io.body_targets import naming_columns
 from ppmcal.io.clock import clock_of_words
 from ppmcal.io.csv import Table, remark_table
+from ppmcal.io.frame_definitions import by_first_pose, defined_frame
 from ppmcal.io.header import MATRIX, ReadFile, bare_name, declared, header_columns, named
 from ppmcal.io.measurement_columns import (
     further_columns,
@@ -35,7 +36,6 @@ from ppmcal.io.sidecar import (
     SidecarFile,
     actuator_noise,
     at_point,
-    frame_of,
     located,
     offset_of,
     point_of,
@@ -160,7 +160,7 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism,
         covariance=seen.covariance,
         labels=labels,
         columns=conditions, sessions=_sessions(table),
-        frame=frame_of(file.frame, mechanism.motion, units, side),
+        frame=defined_frame(file, mechanism, units, side),
         target=point_of(file.target, mechanism.motion, units, side),
         target_rotation=rotation_of(file.target_rotation, units, side),
         scale=scale_of(file.scale, file.instrument.kind, side),
@@ -176,7 +176,7 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism,
     _remark(data, table, file, side)
     data = replace(data, chance=chance(data, steps_of(plain.numbers, data, mechanism.reach)))
     data = _usable(shifted_rows(_from_point(data, side), read.shift), mechanism, mark)
-    return without_copies(data)
+    return without_copies(by_first_pose(data, file, mechanism, side))
 
 
 def _in_seconds(table: Table, read: ReadFile) -> Table:

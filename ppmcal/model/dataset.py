@@ -13,6 +13,7 @@ from ppmcal.linalg import Array, Bools, Ints, row_by_row, taken, ways
 from ppmcal.model.history import History, history_of, straight
 from ppmcal.model.instruments import POSE, InstrumentKind
 from ppmcal.model.recorded import RecordedForm
+from ppmcal.model.registration import DefinedFrame
 from ppmcal.notes import Note
 from ppmcal.units import SI, Units
 from ppmcal.wording import pluralize
@@ -24,13 +25,14 @@ class Unknown:
 
     ``value`` holds the given one, or zeros; ``same_as`` names another data set whose
     fitted one is shared; ``sigma``: of a fitted scale that is known to be near ``value``, the
-    standard deviation, None where nothing is known of it.
+    standard deviation, None where nothing is known of it; ``defined``: what defines a given frame.
     """
 
     fitted: bool
     value: Array
     same_as: str | None = None
     sigma: float | None = None
+    defined: DefinedFrame | None = None
 
 
 TRUE_SCALE = Unknown(False, np.ones(1))

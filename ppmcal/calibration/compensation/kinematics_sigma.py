@@ -14,6 +14,7 @@ import numpy as np
 
 from ppmcal.calibration.compensation.commands import (
     ParameterCovariance,
+    frame_variance,
     own_variance,
     pose_sigma,
     prediction_jacobian,
@@ -170,6 +171,7 @@ def _beyond_parameters(model: Model, at: PoseRows, turn: Array,
     each = np.where(places, left[:, :1] / max(int(places.sum()), 1),
                     left[:, 1:] / max(int((~places).sum()), 1))
     own = own_variance(model, Registration(), at.pose, at.q, "", at.rows)
+    own = own + frame_variance(model, Registration(), at.pose, knowledge, "")
     each = each + own[:, _measured(model)]
     return np.asarray(np.einsum("nkm,nm->nk", turn**2, each))
 

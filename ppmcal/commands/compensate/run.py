@@ -107,7 +107,13 @@ class CompensationResult(Result):
         header, columns = self.targets
         return command_files(self.mechanism, self.compensation, header, list(columns),
                              self.provenance, self.notes, self.frame, self.findings,
-                             self.recorded[1] if self.recorded else None)
+                             self.recorded[1] if self.recorded else None, self.base_axes)
+
+    @property
+    def base_axes(self) -> str:
+        """What defines the base axes, empty where the calibration's own tolerances do."""
+        axes = self.knowledge.base_axes if self.knowledge is not None else None
+        return "" if axes is None else f"{axes[1].by} of {axes[0]}"
 
     @property
     def warnings(self) -> list[str]:
@@ -138,6 +144,8 @@ class CompensationResult(Result):
             yield (f"The remaining error is the model's own uncertainty (1 sigma, in the frame of "
                    f"{self.frame or 'its base'}{held})"
                    f"{', with the unexplained residuals' * unexplained}.")
+            if parts := self.record.parts_sentence():
+                yield parts
         if self.recorded is not None:
             name, form = self.recorded
             yield f"{RECORDED} has the commands as {name} has its joints: {form_words(form)}."

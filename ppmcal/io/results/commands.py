@@ -28,7 +28,7 @@ from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.recorded import LABEL, RecordedForm
 from ppmcal.store.provenance import Provenance
-from ppmcal.wording import pluralize
+from ppmcal.wording import number, pluralize
 
 RECORDED = "commands_recorded.csv"
 """Commands as a measurement file has its joints, without rows that have none."""
@@ -43,7 +43,7 @@ class CommandsRecord(Record):
     uncertainty is in both. Where it is unknown, ``before`` is that of an exact model.
     ``frame``: in which they are; ``targets``: which point of the platform targets are of;
     ``findings``: what needs a look; ``recorded``: how commands_recorded.csv, where it is written,
-    has the commands.
+    has the commands. ``base_axes``: what defines these axes, where something does.
     """
 
     FILE: ClassVar[str] = "commands.json"
@@ -58,14 +58,18 @@ class CommandsRecord(Record):
     notes: tuple[Text, ...] = ()
     units: Mapping[Text, Text] = field(default_factory=dict)
     recorded: RecordedForm | None = None
+    base_axes: Text = ""
     provenance: Provenance = Provenance()
 
     @classmethod
     def of(cls, mechanism: Mechanism, result: Compensation, columns: Sequence[Column],
            provenance: Mapping[str, Any], notes: Sequence[str], frame: str,
-           findings: Sequence[str] = (), recorded: RecordedForm | None = None) -> CommandsRecord:
+           findings: Sequence[str] = (), recorded: RecordedForm | None = None,
+           base_axes: str = "") -> CommandsRecord:
         """Return the record of commands with the columns of their table."""
         own = {c.name: mechanism.units.name(c.quantity) for c in columns if c.quantity}
+        more: dict[str, Any] = {} if recorded is None else {"recorded": recorded}
+        more |= {"base_axes": base_axes} if base_axes else {}
         return cls(format=cls.FORMAT, rows=len(result.status), frame=frame or "base",
                    targets=target_sentence(mechanism, frame),
                    predicted=_predicted(mechanism, result),
@@ -73,11 +77,30 @@ class CommandsRecord(Record):
                    notes=tuple(notes),
                    units=column_units(mechanism, [c.name for c in columns]) | own,
                    provenance=Provenance(**provenance),
-                   **({} if recorded is None else {"recorded": recorded}))
+                   **more)
 
     def summary(self) -> dict[str, Any]:
         """Return the content without the units."""
         return {k: v for k, v in self.entries().items() if k != "units"}
+
+    def parts_sentence(self) -> str:
+        """Return what of the error to expect is the machine's and what the frame's, if it is known.
+
+        Only of what defines the base axes; a fitted frame and the machine's geometry take from each
+        other what the data leave open, so that neither has a part of its own.
+        """
+        if not self.base_axes:
+            return ""
+        if self.frame != "base":
+            return (f"It is the machine's alone: targets are in the frame of {self.frame}, where "
+                    "the noise of what defines the base axes does not count.")
+        machine, frame = (" and ".join(
+            f"{number(getattr(one, part))} {one.unit}" for one in self.predicted.values()
+            if getattr(one, part) is not None) for part in ("machine", "frame"))
+        if not machine:
+            return ""
+        return (f"Of it {machine} is the machine's own; {frame} is that of the base frame, as "
+                f"defined by {self.base_axes}: one motion of all targets together.")
 
 
 def _predicted(mechanism: Mechanism, result: Compensation) -> dict[str, ErrorChange]:
@@ -88,8 +111,10 @@ def _predicted(mechanism: Mechanism, result: Compensation) -> dict[str, ErrorCha
         if sizes[0] is None or (kind == "rotation" and not mechanism.motion.turns):
             continue
         before, after, sigma = sizes
+        frame, machine = result.parts(kind)
+        parts = {} if frame is None else {"machine": machine, "frame": frame}
         out[kind] = ErrorChange.filled(None, mechanism.units, before=before, after=after,
-                                       sigma=sigma, unit=quantity)
+                                       sigma=sigma, **parts, unit=quantity)
     return out
 
 
@@ -146,14 +171,15 @@ def command_columns(mechanism: Mechanism, result: Compensation, header: Sequence
 def command_files(mechanism: Mechanism, result: Compensation, header: Sequence[str],
                   columns: Sequence[Any], provenance: Mapping[str, Any], notes: Sequence[str],
                   frame: str = "", findings: Sequence[str] = (),
-                  recorded: RecordedForm | None = None) -> tuple[dict[str, str], CommandsRecord]:
+                  recorded: RecordedForm | None = None, base_axes: str = ""
+                  ) -> tuple[dict[str, str], CommandsRecord]:
     """Return commands.csv and commands.json, and the record in the latter.
 
     With commands_recorded.csv where commands are wanted in a ``recorded`` form too.
     """
     found = command_columns(mechanism, result, header, columns)
     record = CommandsRecord.of(mechanism, result, found, provenance, notes, frame,
-                               findings, recorded)
+                               findings, recorded, base_axes)
     made = {"commands.csv": table_text(found, mechanism.units)}
     if recorded is not None:
         made[RECORDED] = recorded_text(recorded, _labels(header, columns, len(result.status)),
