@@ -70,6 +70,7 @@ def compensate(
     approach: str = ...,
     path: bool = ...,
     assume: Mapping[str, float] | None = ...,
+    like: Path_ | None = ...,
     regardless: bool = ...,
     progress: Progress = ...,
 ) -> CompensationResult: ...

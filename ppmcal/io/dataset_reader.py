@@ -21,6 +21,7 @@ from ppmcal.io import column_names as names
 from ppmcal.io.body_targets import naming_columns
 from ppmcal.io.clock import clock_of_words
 from ppmcal.io.csv import Table, remark_table
+from ppmcal.io.frame_definitions import by_first_pose, defined_frame
 from ppmcal.io.header import MATRIX, ReadFile, bare_name, declared, header_columns, named
 from ppmcal.io.measurement_columns import (
     further_columns,
@@ -30,11 +31,11 @@ from ppmcal.io.measurement_columns import (
 )
 from ppmcal.io.noise_limits import refuse_noise
 from ppmcal.io.reading import in_conventions, in_units
+from ppmcal.io.recorded import form_of
 from ppmcal.io.sidecar import (
     SidecarFile,
     actuator_noise,
     at_point,
-    frame_of,
     located,
     offset_of,
     point_of,
@@ -132,7 +133,9 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism,
                                     known, source)
     columns, findings = [c for c in columns if c.name not in strange], [*findings, *more]
     table = _in_seconds(named(table, columns), read)
-    plain = in_units(table, declared(columns, table, read, side), read, mechanism, units, kind)
+    columns = declared(columns, table, read, side)
+    recorded = form_of(table, columns, read, mechanism, units)
+    plain = in_units(table, columns, read, mechanism, units, kind)
     table = in_conventions(plain, read, mechanism, units, side)
     names.check_columns(table.header, mechanism, source, kind)
     findings += names.ambiguous_directions(table.header, mechanism, source)
@@ -157,7 +160,7 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism,
         covariance=seen.covariance,
         labels=labels,
         columns=conditions, sessions=_sessions(table),
-        frame=frame_of(file.frame, mechanism.motion, units, side),
+        frame=defined_frame(file, mechanism, units, side),
         target=point_of(file.target, mechanism.motion, units, side),
         target_rotation=rotation_of(file.target_rotation, units, side),
         scale=scale_of(file.scale, file.instrument.kind, side),
@@ -167,13 +170,13 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism,
                                      *_contradicted(labels, groups, source)),
         extra=_fixed_point(file, to_q, mechanism, units, side), units=units,
         convention=convention, read=read.model_dump(exclude_unset=True),
-        headers=headers)
+        headers=headers, recorded=recorded)
     data.kind.refuse(mechanism.motion, mechanism.surplus, side, mechanism.gravity)
     refuse_noise(data, mechanism, side)
     _remark(data, table, file, side)
     data = replace(data, chance=chance(data, steps_of(plain.numbers, data, mechanism.reach)))
     data = _usable(shifted_rows(_from_point(data, side), read.shift), mechanism, mark)
-    return without_copies(data)
+    return without_copies(by_first_pose(data, file, mechanism, side))
 
 
 def _in_seconds(table: Table, read: ReadFile) -> Table:

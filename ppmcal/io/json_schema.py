@@ -13,6 +13,7 @@ from pydantic import BaseModel
 
 from ppmcal.errors import refuse_unknown
 from ppmcal.io.effects import EffectFile, limb_entries
+from ppmcal.io.frame_definitions import POINTS
 from ppmcal.io.limb_reader import NO_DRIVE
 from ppmcal.io.mechanism_blocks import PARTS, TRANSLATIONS, joint_names, parts_of
 from ppmcal.io.mechanism_schema import MechanismFile
@@ -110,13 +111,26 @@ def _mechanism() -> Schema:
     return {**out, "if": {"not": {"required": ["extends"]}}, "then": {"required": needed}}
 
 
+def _one_key(key: str, schema: Schema, **others: Schema) -> Schema:
+    """Return an object that has a key, and perhaps others."""
+    return {"type": "object", "properties": {key: schema, **others}, "required": [key],
+            "additionalProperties": False}
+
+
 def _dataset() -> Schema:
     out = _of(SidecarFile, "ppmcal data set (the YAML beside a CSV)")
     _places(out["properties"])
-    out["properties"]["frame"]["anyOf"].append(
-        {"type": "object", "properties": {"same_as": {
-            "type": "string", "description": "Name of the data set whose frame it is too."}},
-         "required": ["same_as"], "additionalProperties": False})
+    out["properties"]["frame"]["anyOf"] += [_one_key("same_as", {
+        "type": "string", "description": "Name of the data set whose frame it is too."}),
+        _one_key("points", {"type": "object", "additionalProperties": False,
+                            "required": [*POINTS][:2], "description": "Points of the base as the "
+                            "instrument measured them, which define its frame.", "properties": {
+                                name: {**VECTOR, "description": f"{what[:1].upper()}{what[1:]}."}
+                                for name, what in POINTS.items()}}, sigma={
+            **NUMBER, "description": "Standard deviation of each coordinate of the points  "
+                                     "[default: the instrument's]."}),
+        _one_key("first_pose", {"enum": [True], "description": "The base is where the nominal "
+                                "machine is right at the first pose."})]
     about = {"type": "object", "required": ["value", "sigma"], "additionalProperties": False,
              "properties": {
                  "value": {**NUMBER, "description": "Measured over true lengths, as far as known."},

@@ -148,7 +148,7 @@ class SidecarFile(Strict):
     instrument: InstrumentFile
     """What measured."""
     frame: Any
-    """Pose of the base in the measuring frame: unknown, known (the same) or a pose."""
+    """Pose of the base in the measuring frame: unknown, known (the same), given, or defined."""
     target: Any
     """The measured point in platform axes: unknown, known (the origin) or a point."""
     targets: Annotated[dict[str, Any] | None, BeforeValidator(_targets_given)] = None
@@ -286,6 +286,9 @@ def frame_of(raw: object, motion: Motion, units: Units, source: str, where: str 
             raise BadInput(f"{show(raw)} does not name another data set", place,
                            "Write {same_as: NAME} and nothing else")
         return Unknown(True, np.zeros(6), str(name))
+    if isinstance(raw, dict) and {"points", "first_pose"} & {*raw}:
+        raise BadInput("only measurements define a frame by points or by their first pose", place,
+                       "Write unknown, known, or the pose")
     if isinstance(raw, dict):
         pose = pose_from_map(raw, motion.frame_coordinates, units, source, where,
                              needed=motion.coordinates)
@@ -444,7 +447,7 @@ def at_point(frame: Unknown, point: Unknown) -> Unknown:
     """Return a frame with its origin in a point of it, as which distances have theirs."""
     away = cga.motor_from_rotation_vector(np.zeros(3), -point.value)
     return Unknown(point.fitted or frame.fitted,
-                   pose_vector(cga.compose(away, pose_motor(frame.value))))
+                   pose_vector(cga.compose(away, pose_motor(frame.value))), defined=frame.defined)
 
 
 def _fixed_point(file: SidecarFile, mechanism: Mechanism, units: Units, source: str) -> Unknown:

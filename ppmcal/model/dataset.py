@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from ppmcal.linalg import Array, Bools, Ints, row_by_row, taken, ways
 from ppmcal.model.history import History, history_of, straight
 from ppmcal.model.instruments import POSE, InstrumentKind
+from ppmcal.model.recorded import RecordedForm
+from ppmcal.model.registration import DefinedFrame
 from ppmcal.notes import Note
 from ppmcal.units import SI, Units
 from ppmcal.wording import pluralize
@@ -23,13 +25,14 @@ class Unknown:
 
     ``value`` holds the given one, or zeros; ``same_as`` names another data set whose
     fitted one is shared; ``sigma``: of a fitted scale that is known to be near ``value``, the
-    standard deviation, None where nothing is known of it.
+    standard deviation, None where nothing is known of it; ``defined``: what defines a given frame.
     """
 
     fitted: bool
     value: Array
     same_as: str | None = None
     sigma: float | None = None
+    defined: DefinedFrame | None = None
 
 
 TRUE_SCALE = Unknown(False, np.ones(1))
@@ -84,6 +87,7 @@ class Dataset:
         convention: in which its rotation columns were read: ``rotvec``, ``quat-xyzw`` ...
         read: the sidecar's own block ``read``.
         headers: our column -> the file's header, where they differ.
+        recorded: how the file has joints or commanded poses; None: not as a file has them.
         chance: that two measurements of one pose agree in every digit, by noise and digits.
         before: rows of the campaign's files before this one.
         moments: the rows' numbers on the time line of the campaign (N,); None: one after another,
@@ -134,6 +138,7 @@ class Dataset:
     convention: str = "rotvec"
     read: Mapping[str, Any] = field(default_factory=dict)
     headers: Mapping[str, str] = field(default_factory=dict)
+    recorded: RecordedForm | None = None
     chance: float = 1.0
     before: int = 0
     moments: Ints | None = None

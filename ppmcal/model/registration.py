@@ -12,6 +12,25 @@ from ppmcal.linalg import Array
 
 
 @dataclass(frozen=True)
+class DefinedFrame:
+    """What defines a base frame that is given, and how well.
+
+    Attributes:
+        by: what defines it: ``three points``, ``the first pose``.
+        covariance: of the base's motion in the measuring frame (6, 6), displacement and rotation
+            about the base's origin, base axes, m and rad.
+    """
+
+    by: str
+    covariance: Array
+
+    @property
+    def size(self) -> float:
+        """The variance of a point 1 m away, about: the larger of two frames is less certain."""
+        return float(np.trace(self.covariance))
+
+
+@dataclass(frozen=True)
 class Registration:
     """Where the instrument of one data set stands, SI; the default sees the platform in the base.
 

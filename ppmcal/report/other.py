@@ -74,6 +74,8 @@ def compensation_section(rows: ResidualRows, lengths: Mapping[str, str]) -> Sect
     if not any(sizes[kind, "corrected"] for kind in KINDS):
         out.append(paragraph("What corrected commands leave is unknown: the model's own "
                              "uncertainty is not in the file.", "note"))
+    if isinstance(rows.record, CommandsRecord) and (parts := rows.record.parts_sentence()):
+        out.append(paragraph(parts))
     out.append(figures(_of_commands(rows, lengths)))
     return Section("Compensation", "".join(out), rows.folder,
                    parts=filled([_commands(t, np.flatnonzero(good)), refused(rows)]))

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from ppmcal.calibration.compensation.kinematics_sigma import PoseRows as PoseRows
     from ppmcal.calibration.compensation.kinematics_sigma import forward_sigma as forward_sigma
     from ppmcal.calibration.compensation.kinematics_sigma import independent as independent
+    from ppmcal.calibration.compensation.kinematics_sigma import (
+        joint_resolution as joint_resolution,
+    )
     from ppmcal.calibration.compensation.kinematics_sigma import joint_sigma as joint_sigma
     from ppmcal.calibration.compensation.kinematics_sigma import (
         left_joint_sigma as left_joint_sigma,

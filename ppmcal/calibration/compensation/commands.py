@@ -8,7 +8,7 @@ well the data know it; rows that would be unsafe are refused, each with its reas
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import final_shift
 from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.frame_definition import seen_variance
 from ppmcal.kinematics.needed_columns import remembers
 from ppmcal.kinematics.partial_pose import (
     PoseConvention,
@@ -33,7 +34,7 @@ from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import Dataset, Environment, environment, unknown_environment
 from ppmcal.model.effects.learned import LEARNED
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.model.registration import Registration
+from ppmcal.model.registration import DefinedFrame, Registration
 from ppmcal.wording.progress import stage
 
 NOTHING = 1e-9
@@ -53,6 +54,7 @@ class ParameterCovariance:
     high) of the poses that were measured, base frame, SI. ``pivots``: the points about which the
     fitted frames are turned, by data set (3,). ``before``: where the instrument stands if the
     nominal geometry is believed, by data set: the frame of the uncorrected commands.
+    ``frames``: what defines the base axes, by data set whose frame is given so.
     ``unexplained``: rms of what neither model nor noise explained, m and rad; ``doubtful``:
     stretches of a joint's travel that the model misses.
     """
@@ -64,6 +66,7 @@ class ParameterCovariance:
     before: Mapping[str, Registration]
     unexplained: tuple[float, float] = (0.0, 0.0)
     doubtful: tuple[DoubtfulStretch, ...] = ()
+    frames: Mapping[str, DefinedFrame] = field(default_factory=dict)
 
     @classmethod
     def of(cls, found: Identification) -> ParameterCovariance:
@@ -78,7 +81,12 @@ class ParameterCovariance:
                    {d.name: o.about for d, o in zip(problem.datasets, problem.opens, strict=True)},
                    found.before_registrations,
                    (float(left.get("position", 0.0)), float(left.get("rotation", 0.0))),
-                   found.doubtful)
+                   found.doubtful, defined_frames(problem.datasets))
+
+    @property
+    def base_axes(self) -> tuple[str, DefinedFrame] | None:
+        """What defines the base axes, and of which data set it is; of several the least certain."""
+        return max(self.frames.items(), key=lambda one: one[1].size, default=None)
 
     def missed(self, q: Array, actuators: Sequence[str]) -> Array:
         """Return what the identification missed near joint values (N, k), m and rad (N, 2)."""
@@ -87,6 +95,11 @@ class ParameterCovariance:
             inside = d.holds(q[:, actuators.index(d.actuator)])
             out += np.where(inside[:, None], np.square([d.position, d.rotation]), 0.0)
         return np.asarray(np.sqrt(out))
+
+
+def defined_frames(datasets: Sequence[Dataset]) -> dict[str, DefinedFrame]:
+    """Return by name what defines the frames of those data sets that have one so."""
+    return {d.name: d.frame.defined for d in datasets if d.frame.defined is not None}
 
 
 @dataclass(frozen=True)
@@ -99,6 +112,8 @@ class Compensation:
     and of the corrected commands if the model is exact (N,), m and rad; ``sigma_position``,
     ``sigma_rotation``: the model's own standard deviation at the corrected commands,
     ``sigma_position_before``, ``sigma_rotation_before`` at the nominal ones (N,), nan: unknown.
+    ``frame``: the part of ``sigma_position`` and of ``sigma_rotation`` (N,) by how well it is told
+    where the base axes are; None: nothing defines them.
     """
 
     q: Array
@@ -116,6 +131,7 @@ class Compensation:
     sigma_rotation_before: Array
     status: tuple[str, ...]
     reason: tuple[str, ...]
+    frame: tuple[Array, Array] | None = None
 
     def expected(self, kind: str) -> tuple[Array, Array]:
         """Return the rms errors (N,) to expect of nominal and of corrected commands, m or rad.
@@ -130,6 +146,18 @@ class Compensation:
         unknown = np.nan_to_num(getattr(self, f"sigma_{kind}_before"))
         return (np.hypot(getattr(self, f"{kind}_before"), unknown),
                 np.hypot(getattr(self, f"{kind}_after"), getattr(self, f"sigma_{kind}")))
+
+    def parts(self, kind: str) -> tuple[float | None, float | None]:
+        """Return rms over the commands of the frame's and of the machine's part of the sigma.
+
+        Argument as that of :meth:`expected`; None: unknown, or nothing defines the base axes.
+        """
+        rows = finite_rows(self.q)
+        if self.frame is None or not rows.any():
+            return None, None
+        whole = getattr(self, f"sigma_{kind}")[rows]
+        frame = self.frame[[*KINDS].index(kind)][rows]
+        return _rms(frame), _rms(np.sqrt(np.maximum(whole**2 - frame**2, 0.0)))
 
     def rms(self, kind: str) -> tuple[float | None, float | None, float | None]:
         """Return rms over the commands, m or rad: expected before and after, the model's sigma.
@@ -217,12 +245,15 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
     sigma_before = pose_sigma(model, before_events, reached, q_nominal,
                               good & finite_rows(reached), knowledge, dataset, rows)
     result = _after(model, nominal, registration, table.q, full, good, rows)
+    frame = frame_variance(model, registration, full, knowledge, dataset)
     q = np.where(good[:, None], table.q, np.nan)
     seen = measured_pose(registration, pose_motor(full))
     return Compensation(q, q_nominal, result[0], seen, full, before[0], result[1], before[1],
                         result[2], *sigma, *sigma_before,
                         tuple(("refused", "ok")[int(g)] for g in good),
-                        tuple(refused.get(n, "") for n in range(len(full))))
+                        tuple(refused.get(n, "") for n in range(len(full))),
+                        None if knowledge is None or knowledge.base_axes is None else
+                        _by_kind(mechanism, np.where(good[:, None], frame, np.nan)))
 
 
 @stage("predicting errors without correction")
@@ -331,11 +362,34 @@ def pose_sigma(model: Model, registration: Registration, full: Array, q: Array, 
                                    rows.take(good))
     variance = np.einsum("nmc,nmc->nm", jacobian @ knowledge.covariance, jacobian)
     variance += own_variance(model, registration, full[good], q[good], dataset, rows.take(good))
+    variance += frame_variance(model, registration, full[good], knowledge, dataset)
     places = model.mechanism.motion.axes
     left = knowledge.missed(q[good], model.mechanism.actuators) ** 2
     position[good] = np.sqrt(np.maximum(variance[:, :places].sum(axis=1), 0.0) + left[:, 0])
     rotation[good] = np.sqrt(np.maximum(variance[:, places:].sum(axis=1), 0.0) + left[:, 1])
     return position, rotation
+
+
+def frame_variance(model: Model, registration: Registration, full: Array,
+                   knowledge: ParameterCovariance | None, dataset: str) -> Array:
+    """Return the variance (N, m) of poses in base axes by what defines these axes.
+
+    A fit with such a frame takes its error for one of the geometry, as a motion of the base as a
+    whole; in the measuring frame, so of a ``dataset``, the two cancel. Arguments as those of
+    :func:`prediction_jacobian`.
+    """
+    measured = list(model.mechanism.motion.measured_parts)
+    axes = None if dataset or knowledge is None else knowledge.base_axes
+    if axes is None:
+        return np.zeros((len(full), len(measured)))
+    point, _ = predict(registration, pose_motor(full))
+    return seen_variance(axes[1].covariance, point)[:, measured]
+
+
+def _by_kind(mechanism: Mechanism, variance: Array) -> tuple[Array, Array]:
+    """Return standard deviations (N,) of position and rotation by the variance of each (N, m)."""
+    places = mechanism.motion.axes
+    return (np.sqrt(variance[:, :places].sum(axis=1)), np.sqrt(variance[:, places:].sum(axis=1)))
 
 
 def model_sigma(mechanism: Mechanism, poses: Array, registration: Registration,

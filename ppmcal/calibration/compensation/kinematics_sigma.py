@@ -6,6 +6,7 @@ pose stays where dq = -P^-1 J dg. So covariances of parameters become those of p
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -13,6 +14,7 @@ import numpy as np
 
 from ppmcal.calibration.compensation.commands import (
     ParameterCovariance,
+    frame_variance,
     own_variance,
     pose_sigma,
     prediction_jacobian,
@@ -144,6 +146,22 @@ def _joints_of_poses(model: Model, pose: Array, q: Array) -> Array:
     return out
 
 
+def joint_resolution(model: Model, at: PoseRows, position: float, rotation: float) -> Array:
+    """Return the largest steps of joint values (k,), unit of q, by which commands may be rounded.
+
+    Rounded to them, all joints together move the platform by at most ``position`` m and
+    ``rotation`` rad, rms, at the pose where they move it most; infinite where they do not move it.
+    """
+    closure, motor = model.closure(at.q[at.known]), pose_motor(at.pose[at.known])
+    poses = pinv(closure.pose_matrix(motor)) @ closure.joint_matrix(motor)
+    places = np.array([c < 3 for c in model.mechanism.dof])
+    allowed = math.sqrt(12.0 / at.q.shape[1])    # a rounding is even over its step
+    with np.errstate(divide="ignore"):
+        steps = [allowed * size / np.linalg.norm(poses[:, part], axis=1).max(axis=0, initial=0.0)
+                 for size, part in ((position, places), (rotation, ~places))]
+    return np.asarray(np.minimum(*steps))
+
+
 def _beyond_parameters(model: Model, at: PoseRows, turn: Array,
                        knowledge: ParameterCovariance) -> Array:
     """Return the variance (N, k) of what a fit left unexplained, and of effects' own spread."""
@@ -153,6 +171,7 @@ def _beyond_parameters(model: Model, at: PoseRows, turn: Array,
     each = np.where(places, left[:, :1] / max(int(places.sum()), 1),
                     left[:, 1:] / max(int((~places).sum()), 1))
     own = own_variance(model, Registration(), at.pose, at.q, "", at.rows)
+    own = own + frame_variance(model, Registration(), at.pose, knowledge, "")
     each = each + own[:, _measured(model)]
     return np.asarray(np.einsum("nkm,nm->nk", turn**2, each))
 

@@ -71,6 +71,11 @@ class CompensateArguments(Arguments):
         None, "A condition of all targets that has no column, such as temperature=22.",
         metavar="NAME=VALUE", kind="str", several=True, reads=assumed,
         key="Conditions of all targets that have no column, such as {temperature: 22}.")
+    like: Path_ | None = option(
+        None, "Measurement file: commands_recorded.csv has the commands as that has its joints, "
+        "in its units, under its headers, with its decimal mark", metavar="FILE",
+        otherwise="the identification's own file, where that is otherwise than {model}",
+        key="Measurement file as which commands_recorded.csv has the commands.")
     regardless: bool = regardless(
         "a model whose fit had not converged or whose residuals are far beyond the noise of its "
         "own measurements, and of corrections that are predicted to be worse than none",
@@ -89,7 +94,9 @@ COMMAND = Command(
            "its reason. A model whose fit had not converged, or whose residuals are far beyond the "
            "noise of its own measurements, is refused as a whole. --regardless lifts that, and the "
            "refusal of rows worse off; what may break the machine stays refused. Writes "
-           "commands.csv and commands.json."),
+           "commands.csv and commands.json; and, where joints were recorded in other units, under "
+           "other headers or with other marks than the machine's file has, commands_recorded.csv, "
+           "which has them so."),
     examples=("ppmcal compensate identified targets.csv --frame base",), out="compensated",
     replace="--overwrite", result="CompensationResult",
     raises="BadInput: anything wrong in the files, or a frame that the model does not know. "

@@ -28,6 +28,7 @@ from ppmcal.calibration.compensation import compensate as compensated
 from ppmcal.calibration.fit import secondary
 from ppmcal.calibration.knowledge import extrapolated, measured_ranges
 from ppmcal.commands.compensate.options import CompensateArguments
+from ppmcal.commands.compensate.recorded import Forms, asked_form, known_form, with_digits
 from ppmcal.commands.inputs import files_of, load, place_of, refuse_unfit, refuse_unrecorded
 from ppmcal.commands.result import CalibratedMachine, Result
 from ppmcal.commands.spec import Machine, Path_
@@ -36,9 +37,11 @@ from ppmcal.io import read_poses
 from ppmcal.io.poses import PoseTable
 from ppmcal.io.results.batch import CampaignQuantity
 from ppmcal.io.results.commands import (
+    RECORDED,
     CommandsRecord,
     accepted_sentence,
     command_files,
+    form_words,
     target_sentence,
 )
 from ppmcal.io.results.knowledge import knowledge_of, read_identification
@@ -49,6 +52,7 @@ from ppmcal.kinematics.tables import refuse_singular_home
 from ppmcal.linalg import finite_rows
 from ppmcal.model.dataset import WRENCH, environment
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.recorded import RecordedForm
 from ppmcal.model.registration import Registration
 from ppmcal.notes import NOTE, Note
 from ppmcal.store.provenance import source_of
@@ -67,6 +71,8 @@ class CompensationResult(Result):
         knowledge: what the calibration knew, None where it is not known.
         notes: sentences on what is not known; a finding where an analysis of it failed.
         targets: header and columns of the wanted poses, as they were given.
+        recorded: how commands_recorded.csv has the commands, and what has its joints so; None:
+            there is none.
     """
 
     COMMAND: ClassVar[str] = "compensate"
@@ -78,6 +84,7 @@ class CompensationResult(Result):
     knowledge: ParameterCovariance | None
     notes: tuple[Note, ...]
     targets: tuple[tuple[str, ...], tuple[Any, ...]]
+    recorded: tuple[str, RecordedForm] | None = None
 
     @property
     def refused(self) -> list[tuple[int, str]]:
@@ -87,7 +94,7 @@ class CompensationResult(Result):
                 if s != "ok"]
 
     def files(self) -> Mapping[str, str | bytes]:
-        """Return commands.csv and commands.json."""
+        """Return commands.csv, commands.json and perhaps commands_recorded.csv."""
         return dict(self._made[0])
 
     @property
@@ -99,7 +106,14 @@ class CompensationResult(Result):
     def _made(self) -> tuple[dict[str, str], CommandsRecord]:
         header, columns = self.targets
         return command_files(self.mechanism, self.compensation, header, list(columns),
-                             self.provenance, self.notes, self.frame, self.findings)
+                             self.provenance, self.notes, self.frame, self.findings,
+                             self.recorded[1] if self.recorded else None, self.base_axes)
+
+    @property
+    def base_axes(self) -> str:
+        """What defines the base axes, empty where the calibration's own tolerances do."""
+        axes = self.knowledge.base_axes if self.knowledge is not None else None
+        return "" if axes is None else f"{axes[1].by} of {axes[0]}"
 
     @property
     def warnings(self) -> list[str]:
@@ -130,6 +144,11 @@ class CompensationResult(Result):
             yield (f"The remaining error is the model's own uncertainty (1 sigma, in the frame of "
                    f"{self.frame or 'its base'}{held})"
                    f"{', with the unexplained residuals' * unexplained}.")
+            if parts := self.record.parts_sentence():
+                yield parts
+        if self.recorded is not None:
+            name, form = self.recorded
+            yield f"{RECORDED} has the commands as {name} has its joints: {form_words(form)}."
 
     def summary(self) -> Mapping[str, Any]:
         """Return what ``--json`` prints."""
@@ -165,20 +184,24 @@ class CompensationResult(Result):
 def run(asked: CompensateArguments) -> CompensationResult:
     """Turn wanted poses into corrected commands of an identified machine."""
     model, knowledge, targets = asked.model, asked.knowledge, asked.targets
-    machine, known, files, notes = _known(model, knowledge)
+    machine, known, files, notes, forms = _known(model, knowledge)
     lifted = refuse_unfit(machine, None if knowledge is None else Path(knowledge),
                           asked.regardless)
     registration, name = _frame(machine, asked.frame)
+    form_of, form, more = known_form(forms, name, machine)
+    notes += more
+    if asked.like is not None:
+        form_of, form = Path(asked.like).name, asked_form(asked.like, machine)
     refuse_singular_home(machine)
     poses = read_poses(targets, machine, assume=asked.assume or {})
     sequence = asked.approach == "sequence"
     _refuse_short(machine, poses, place_of(targets, "poses"), sequence)
     found = compensated(machine, poses.poses, registration, known, name, poses.environment,
                         sequence)
-    readings, more = _readings(model, machine)
+    readings, others = _readings(model, machine)
     found, told = averaged(machine, found, readings, known,
                            Targets(poses.poses, name, poses.environment, sequence))
-    inputs = [*machine.inputs, *files_of(targets), *files, *more]
+    inputs = [*machine.inputs, *files_of(targets), *files, *others]
     result = CompensationResult(source_of("compensate", inputs, None), (), machine, found, name,
                                 known, (), poses.given)
     worse = worse_rows(machine, found)
@@ -195,7 +218,9 @@ def run(asked: CompensateArguments) -> CompensationResult:
         found, machine, known), [], beside), *secondary(
         "where commands go beyond what was measured", lambda: [*_beyond(
             found, machine, known, poses, asked.path)], [], beside), *beside]
-    return replace(result, findings=tuple(lifted), compensation=found, notes=tuple(notes))
+    return replace(result, findings=tuple(lifted), compensation=found, notes=tuple(notes),
+                   recorded=None if form is None else (
+                       form_of, with_digits(form, machine, found)))
 
 
 def _beyond(found: Compensation, machine: Mechanism, knowledge: ParameterCovariance | None,
@@ -248,10 +273,16 @@ def _readings(model: Machine | CalibratedMachine, machine: Mechanism) -> tuple[R
 
 
 def _known(model: Machine | CalibratedMachine, knowledge: Path_ | None
-           ) -> tuple[Mechanism, ParameterCovariance | None, list[str], list[Note]]:
-    """Return the machine, what its calibration knew, the file of that, and notes."""
+           ) -> tuple[Mechanism, ParameterCovariance | None, list[str], list[Note], Forms]:
+    """Return the machine, what its calibration knew, the file of that, notes, and forms of joints.
+
+    The last are by data set, None where one is as the machine's file.
+    """
     if isinstance(model, CalibratedMachine):
-        return model.mechanism, ParameterCovariance.of(model.identification), [], []
+        own = model.identification
+        return model.mechanism, ParameterCovariance.of(own), [], [], [
+            (d.name, None if d.recorded is None or d.recorded.as_machine else d.recorded)
+            for d in own.fit.problem.datasets]
     machine = load(model)
     notes = [*machine.findings]
     path = Path(knowledge) if knowledge is not None else Path(machine.source).with_name(
@@ -261,15 +292,16 @@ def _known(model: Machine | CalibratedMachine, knowledge: Path_ | None
         record = read_identification(path)
         known = knowledge_of(record, machine, path)
         other = of_other_values(record, machine)
+        forms = [(d.name, d.recorded) for d in record.datasets]
         if not other:
-            return machine, known, [str(path)], notes
+            return machine, known, [str(path)], notes, forms
         notes.append(Note(f"{path} is not of {machine.source} as it is now ({other}): "
                           "uncertainties are unknown; run identify again", NOTE))
-        return machine, None, [str(path)], notes
+        return machine, None, [str(path)], notes, forms
     ranges = machine.measured is not None and machine.measured.ranges
     notes.append(Note(f"{path} is not there: uncertainties are unknown" + ("" if ranges else (
         " and so is the measured volume: poses far outside it are not refused")), NOTE))
-    return machine, None, [], notes
+    return machine, None, [], notes, []
 
 
 def _refuse_worse(result: CompensationResult, worse: Collection[int], source: str) -> None:

@@ -11,6 +11,8 @@ import numpy as np
 
 from ppmcal.calibration.compensation import KINDS, Compensation
 from ppmcal.io.csv import Table
+from ppmcal.io.csv_dialect import Dialect
+from ppmcal.io.recorded import recorded_text
 from ppmcal.io.results.parts import ErrorChange
 from ppmcal.io.results.record import Column, Record, Text, Whole, table_text
 from ppmcal.io.results.residual_rows import rms
@@ -21,10 +23,15 @@ from ppmcal.io.results.tables import (
     joint_columns,
     pose_columns,
 )
+from ppmcal.io.yaml import number_text
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.recorded import LABEL, RecordedForm
 from ppmcal.store.provenance import Provenance
-from ppmcal.wording import pluralize
+from ppmcal.wording import number, pluralize
+
+RECORDED = "commands_recorded.csv"
+"""Commands as a measurement file has its joints, without rows that have none."""
 
 
 class CommandsRecord(Record):
@@ -35,7 +42,8 @@ class CommandsRecord(Record):
     ``error_..._before`` and ``error_..._after`` of commands.csv have them row by row: the model's
     uncertainty is in both. Where it is unknown, ``before`` is that of an exact model.
     ``frame``: in which they are; ``targets``: which point of the platform targets are of;
-    ``findings``: what needs a look.
+    ``findings``: what needs a look; ``recorded``: how commands_recorded.csv, where it is written,
+    has the commands. ``base_axes``: what defines these axes, where something does.
     """
 
     FILE: ClassVar[str] = "commands.json"
@@ -49,25 +57,50 @@ class CommandsRecord(Record):
     findings: tuple[Text, ...] = ()
     notes: tuple[Text, ...] = ()
     units: Mapping[Text, Text] = field(default_factory=dict)
+    recorded: RecordedForm | None = None
+    base_axes: Text = ""
     provenance: Provenance = Provenance()
 
     @classmethod
     def of(cls, mechanism: Mechanism, result: Compensation, columns: Sequence[Column],
            provenance: Mapping[str, Any], notes: Sequence[str], frame: str,
-           findings: Sequence[str] = ()) -> CommandsRecord:
+           findings: Sequence[str] = (), recorded: RecordedForm | None = None,
+           base_axes: str = "") -> CommandsRecord:
         """Return the record of commands with the columns of their table."""
         own = {c.name: mechanism.units.name(c.quantity) for c in columns if c.quantity}
+        more: dict[str, Any] = {} if recorded is None else {"recorded": recorded}
+        more |= {"base_axes": base_axes} if base_axes else {}
         return cls(format=cls.FORMAT, rows=len(result.status), frame=frame or "base",
                    targets=target_sentence(mechanism, frame),
                    predicted=_predicted(mechanism, result),
                    refused=sum(s != "ok" for s in result.status), findings=tuple(findings),
                    notes=tuple(notes),
                    units=column_units(mechanism, [c.name for c in columns]) | own,
-                   provenance=Provenance(**provenance))
+                   provenance=Provenance(**provenance),
+                   **more)
 
     def summary(self) -> dict[str, Any]:
         """Return the content without the units."""
         return {k: v for k, v in self.entries().items() if k != "units"}
+
+    def parts_sentence(self) -> str:
+        """Return what of the error to expect is the machine's and what the frame's, if it is known.
+
+        Only of what defines the base axes; a fitted frame and the machine's geometry take from each
+        other what the data leave open, so that neither has a part of its own.
+        """
+        if not self.base_axes:
+            return ""
+        if self.frame != "base":
+            return (f"It is the machine's alone: targets are in the frame of {self.frame}, where "
+                    "the noise of what defines the base axes does not count.")
+        machine, frame = (" and ".join(
+            f"{number(getattr(one, part))} {one.unit}" for one in self.predicted.values()
+            if getattr(one, part) is not None) for part in ("machine", "frame"))
+        if not machine:
+            return ""
+        return (f"Of it {machine} is the machine's own; {frame} is that of the base frame, as "
+                f"defined by {self.base_axes}: one motion of all targets together.")
 
 
 def _predicted(mechanism: Mechanism, result: Compensation) -> dict[str, ErrorChange]:
@@ -78,8 +111,10 @@ def _predicted(mechanism: Mechanism, result: Compensation) -> dict[str, ErrorCha
         if sizes[0] is None or (kind == "rotation" and not mechanism.motion.turns):
             continue
         before, after, sigma = sizes
+        frame, machine = result.parts(kind)
+        parts = {} if frame is None else {"machine": machine, "frame": frame}
         out[kind] = ErrorChange.filled(None, mechanism.units, before=before, after=after,
-                                       sigma=sigma, unit=quantity)
+                                       sigma=sigma, **parts, unit=quantity)
     return out
 
 
@@ -135,13 +170,44 @@ def command_columns(mechanism: Mechanism, result: Compensation, header: Sequence
 
 def command_files(mechanism: Mechanism, result: Compensation, header: Sequence[str],
                   columns: Sequence[Any], provenance: Mapping[str, Any], notes: Sequence[str],
-                  frame: str = "", findings: Sequence[str] = ()
+                  frame: str = "", findings: Sequence[str] = (),
+                  recorded: RecordedForm | None = None, base_axes: str = ""
                   ) -> tuple[dict[str, str], CommandsRecord]:
-    """Return commands.csv and commands.json, and the record in the latter."""
+    """Return commands.csv and commands.json, and the record in the latter.
+
+    With commands_recorded.csv where commands are wanted in a ``recorded`` form too.
+    """
     found = command_columns(mechanism, result, header, columns)
     record = CommandsRecord.of(mechanism, result, found, provenance, notes, frame,
-                               findings)
-    return {"commands.csv": table_text(found, mechanism.units), record.FILE: record.text()}, record
+                               findings, recorded, base_axes)
+    made = {"commands.csv": table_text(found, mechanism.units)}
+    if recorded is not None:
+        made[RECORDED] = recorded_text(recorded, _labels(header, columns, len(result.status)),
+                                       _sent_columns(mechanism, result))
+    return {**made, record.FILE: record.text()}, record
+
+
+def _labels(header: Sequence[str], columns: Sequence[Any], count: int) -> list[str]:
+    """Return the targets' own names (N,), numbers where they have none."""
+    given = dict(zip(header, columns, strict=True)).get(LABEL, ("",) * count)
+    words = [v if isinstance(v, str) else number_text(v) if np.isfinite(v) else ""
+             for v in (given if isinstance(given, tuple) else np.asarray(given).tolist())]
+    return [word.strip() or str(n) for n, word in enumerate(words, 1)]
+
+
+def _sent_columns(mechanism: Mechanism, result: Compensation) -> dict[str, Array]:
+    """Return joints and poses that are sent as columns, in file units."""
+    return {**joint_columns(mechanism, result.q, "q_{}"),
+            **pose_columns(mechanism, result.command, "cmd_")}
+
+
+def form_words(form: RecordedForm) -> str:
+    """Return ``in, 5 decimals, separated by semicolons, decimal commas``."""
+    units = list(dict.fromkeys(c.unit for c in form.values if c.unit))
+    decimals = sorted({c.decimals for c in form.values})
+    digits = " to ".join(str(d) for d in dict.fromkeys((decimals[0], decimals[-1])))
+    return ", ".join([*([" and ".join(units)] if units else []), f"{digits} decimals",
+                      str(Dialect(form.separator, form.decimal))])
 
 
 def target_sentence(mechanism: Mechanism, frame: str) -> str:

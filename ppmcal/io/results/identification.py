@@ -19,6 +19,7 @@ from ppmcal.io.results.identifiability import IdentifiabilitySummary, Unidentifi
 from ppmcal.io.results.identification_parts import (
     CorrelatedPair,
     CovarianceEntry,
+    DefinedFrameEntry,
     ErrorStages,
     FittedDataset,
     FreedomChoiceEntry,
@@ -39,6 +40,7 @@ from ppmcal.io.results.known_rows import RowsOfTable, rows_behind
 from ppmcal.io.results.parts import LeftOutRow
 from ppmcal.io.results.record import Finite, Flag, Record, Text, Whole
 from ppmcal.io.results.units import Numbers, of_joints
+from ppmcal.model.dataset import Dataset
 from ppmcal.model.registration import Registration
 from ppmcal.store.output import Content
 from ppmcal.store.provenance import Provenance
@@ -182,5 +184,16 @@ def _datasets(result: Identification) -> tuple[FittedDataset, ...]:
         name=d.name, source=d.source, kind=d.kind.name, rows=len(d), used=int(k.sum()),
         registration=RegistrationEntry.of(stands.get(d.name, Registration()), units, d.kind),
         registration_before=RegistrationEntry.of(
-            result.before_registrations.get(d.name, Registration()), units, d.kind))
+            result.before_registrations.get(d.name, Registration()), units, d.kind),
+        **_further(d, units))
         for d, k in zip(fit.problem.datasets, fit.keep, strict=True))
+
+
+def _further(data: Dataset, units: Units) -> dict[str, Any]:
+    """Return what is said of few data sets: what defines the frame, joints in another form."""
+    out: dict[str, Any] = {}
+    if data.frame.defined is not None:
+        out["frame_by"] = DefinedFrameEntry.of(data.frame.defined, units)
+    if data.recorded is not None and not data.recorded.as_machine:
+        out["recorded"] = data.recorded
+    return out

@@ -24,7 +24,8 @@ from ppmcal.io.results.units import (
 from ppmcal.linalg import Array
 from ppmcal.model.instruments import InstrumentKind
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.model.registration import Registration
+from ppmcal.model.recorded import RecordedForm
+from ppmcal.model.registration import DefinedFrame, Registration
 from ppmcal.units import Angle, Key, Length, OfUnit, Units
 from ppmcal.wording import number
 
@@ -174,8 +175,30 @@ class RegistrationEntry(Part):
         return cls.filled(r, units, frame=numbers(r.frame_pose / factors(units)), **more)
 
 
+class DefinedFrameEntry(Part):
+    """What defines a frame that is given: ``by`` what, and how well.
+
+    ``covariance`` (6, 6) of the base's displacement and rotation about its origin, in base axes,
+    file units.
+    """
+
+    by: Text = ""
+    covariance: tuple[Numbers, ...] = ()
+
+    @classmethod
+    def of(cls, found: DefinedFrame, units: Units) -> DefinedFrameEntry:
+        """Return the entry in file units."""
+        size = factors(units)
+        return cls(by=found.by, covariance=tuple(map(numbers, found.covariance / np.outer(
+            size, size))))
+
+
 class FittedDataset(Part):
-    """A data set of a fit: its file, its ``rows``, how many were ``used``, where it stood."""
+    """A data set of a fit: its file, its ``rows``, how many were ``used``, where it stood.
+
+    ``frame_by``: what defines its frame, where that is given so; ``recorded``: how the file has
+    joints, where that is not as the mechanism file.
+    """
 
     name: Text = ""
     source: Text = ""
@@ -184,6 +207,8 @@ class FittedDataset(Part):
     used: Whole | None = None
     registration: RegistrationEntry | None = None
     registration_before: RegistrationEntry | None = None
+    frame_by: DefinedFrameEntry | None = None
+    recorded: RecordedForm | None = None
 
 
 class HeldParameters(Part):

@@ -19,6 +19,7 @@ from ppmcal.io.pose_fields import factors
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import (
     CovarianceEntry,
+    DefinedFrameEntry,
     FittedDataset,
     HeldParameters,
 )
@@ -29,7 +30,7 @@ from ppmcal.linalg import Array, eigh
 from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
-from ppmcal.model.registration import Registration
+from ppmcal.model.registration import DefinedFrame, Registration
 from ppmcal.model.same_rows import KnownRows
 from ppmcal.units import Units, coordinate_quantity
 
@@ -68,6 +69,7 @@ def knowledge_of(record: IdentificationRecord, mechanism: Mechanism,
         turn = {n: _finite(p, 3) * units.factor("length")
                 for n, p in covariance.frames_turn_about.items()}
         before = {d.name: _registration(d, units) for d in record.datasets}
+        frames = {d.name: _defined(d.frame_by, units) for d in record.datasets if d.frame_by}
     except _Incomplete as error:
         raise _no_such(path, WITHOUT) from error
     names, matrix = (*names, *kept.names), kept.beside(matrix)
@@ -77,7 +79,8 @@ def knowledge_of(record: IdentificationRecord, mechanism: Mechanism,
             for kind, quantity in (("position", "length"), ("rotation", "angle"))]
     return ParameterCovariance(names, matrix * np.outer(factor, factor), volume, turn, before,
                                (left[0], left[1]),
-                               tuple(_doubtful(d, mechanism, units, path) for d in record.doubtful))
+                               tuple(_doubtful(d, mechanism, units, path) for d in record.doubtful),
+                               frames)
 
 
 def _considered(entry: HeldParameters | None, count: int) -> Considered:
@@ -279,6 +282,12 @@ def _registration(data: FittedDataset, units: Units) -> Registration:
     return Registration.of_pose(_finite(entry.frame, 6) * factors(units),
                                 _finite(entry.target, 3) * length,
                                 _finite(entry.target_rotation, 3) * angle, entry.scale)
+
+
+def _defined(entry: DefinedFrameEntry, units: Units) -> DefinedFrame:
+    """Return what defines a frame, SI."""
+    size = factors(units)
+    return DefinedFrame(entry.by, _matrix(entry.covariance, 6, 6) * np.outer(size, size))
 
 
 @dataclass(frozen=True, eq=False)

@@ -62,12 +62,15 @@ class UncertainValue(Part):
 class ErrorChange(Part):
     """An error ``before`` and ``after`` something, in ``unit``; None: unknown.
 
-    ``sigma``: of commands, the model's own standard deviation.
+    ``sigma``: of commands, the model's own standard deviation; ``machine``, ``frame``: its parts by
+    the machine and by what defines the base axes, where something does.
     """
 
     before: OfUnit[Finite | None] = None
     after: OfUnit[Finite | None] = None
     sigma: OfUnit[Finite | None] = None
+    machine: OfUnit[Finite | None] = None
+    frame: OfUnit[Finite | None] = None
     unit: Text = ""
 
     def words(self) -> str:
