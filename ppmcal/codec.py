@@ -73,7 +73,8 @@ class Reader:
 class Field:
     """A field of a class: its name, key in a file, how it is read, default, and quantity.
 
-    ``key``: with a dot that of an object and the key within it.
+    ``key``: with a dot that of an object and the key within it, which is null where the field is
+    None and ``whole`` says so.
     """
 
     name: str
@@ -81,6 +82,7 @@ class Field:
     reader: Reader
     default: Callable[[], Any]
     quantity: Quantity | None
+    whole: bool = False
 
 
 def shape(kind: Any) -> tuple[Field, ...]:
@@ -96,24 +98,26 @@ def _shape(kind: Any) -> tuple[Field, ...]:
         default = f.default_factory if f.default_factory is not dataclasses.MISSING else (
             _always(reader.blank if f.default is dataclasses.MISSING or Unsaid() in marks
                     else f.default))
-        key = next((m.name for m in marks if isinstance(m, Key)), f.name)
+        key = next((m for m in marks if isinstance(m, Key)), Key(f.name))
         quantity = next((m for m in marks if isinstance(m, Quantity)), None)
-        out.append(Field(f.name, key, reader, default, quantity))
+        out.append(Field(f.name, key.name, reader, default, quantity, key.whole))
     return tuple(out)
 
 
 @cache
-def _objects(kind: Any) -> frozenset[str]:
-    """Return the keys of objects into which fields of a class go."""
-    return frozenset(f.key.partition(".")[0] for f in shape(kind) if "." in f.key)
+def _objects(kind: Any) -> dict[str, str]:
+    """Return the keys of objects into which fields of a class go, and by which they are null."""
+    inner = [f for f in shape(kind) if "." in f.key]
+    return {f.key.partition(".")[0]: "" for f in inner} | {
+        f.key.partition(".")[0]: f.key for f in inner if f.whole}
 
 
-def _flat(objects: frozenset[str], data: Mapping[str, Any]) -> Mapping[str, Any]:
+def _flat(objects: Mapping[str, str], data: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return data with what is in ``objects`` under ``object.key``."""
     out: Json = {} if objects else data    # type: ignore[assignment]
     for key, value in data.items() if objects else ():
         if key not in objects or value is None:
-            out[key] = value
+            out[objects.get(key) or key] = value
         elif isinstance(value, Mapping):
             out |= {f"{key}.{k}": v for k, v in value.items()}
         else:
@@ -121,15 +125,17 @@ def _flat(objects: frozenset[str], data: Mapping[str, Any]) -> Mapping[str, Any]
     return out
 
 
-def _nested(objects: frozenset[str], flat: Json) -> Json:
+def _nested(objects: Mapping[str, str], flat: Json) -> Json:
     """Return data with what is under ``object.key`` in its object."""
     out: Json = {}
     for key, value in flat.items():
         name, _, inner = key.partition(".")
-        if inner and name in objects:
-            out.setdefault(name, {})[inner] = value
-        else:
+        if not inner or name not in objects:
             out[key] = value
+        elif flat.get(objects[name], ...) is None:
+            out[name] = None
+        else:
+            out.setdefault(name, {})[inner] = value
     return out
 
 
@@ -285,6 +291,8 @@ def _described(kind: type, known: Json) -> Json:
         own, default = f.reader.schema(known), f.default()
         if default != default and "anyOf" not in own:    # nan is null in the file
             own = {"anyOf": [own, {"type": "null"}]}
+        if f.whole and "anyOf" in own:
+            own = own["anyOf"][0]
         named = "$ref" in own or "$ref" in own.get("anyOf", [{}])[0]
         name, _, inner = f.key.rpartition(".")
         title = {} if named else {"title": inner.replace("_", " ").title()}
@@ -293,6 +301,8 @@ def _described(kind: type, known: Json) -> Json:
             "additionalProperties": True, "properties": {}, "type": "object",
             "title": name.replace("_", " ").title()})["properties"]
         there[inner] = dict(sorted(own.items()))
+    for name in filter(_objects(kind).get, _objects(kind)):
+        properties[name] = {"anyOf": [properties[name], {"type": "null"}], "default": None}
     return {"additionalProperties": True, "description": cleandoc(kind.__doc__ or ""),
             "properties": properties, "title": kind.__name__, "type": "object"}
 
@@ -348,10 +358,10 @@ def in_units(value: T, units: Units) -> T:
         return tuple(in_units(v, units) for v in value)  # type: ignore[return-value]
     if not dataclasses.is_dataclass(value) or hasattr(value, "given"):
         return value
-    there: Any = value
-    changed = fields_in_units(type(value), vars(value), units)
-    found: T = reader_of_class(type(value)).read(
-        encoded(dataclasses.replace(there, **changed)), False)
+    kind: Any = type(value)
+    there = fields_in_units(kind, {f.name: getattr(value, f.name) for f in shape(kind)}, units)
+    found: T = reader_of_class(kind).read(
+        {f.key: encoded(there[f.name]) for f in shape(kind)}, False)
     return found
 
 

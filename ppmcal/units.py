@@ -141,10 +141,12 @@ OfUnit = Annotated[T, Quantity(of="unit")]
 class Key:
     """The key of a field in a file, where it cannot be its name.
 
-    ``object.key`` is a key within an object that is no class of its own.
+    ``object.key`` is a key within an object that is no class of its own; ``whole``: where the field
+    is None, that object is null.
     """
 
     name: str
+    whole: bool = False
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ import numpy as np
 from ppmcal.calibration.fit import Noise
 from ppmcal.calibration.knowledge import FAR
 from ppmcal.io.results.campaign import campaign_sentences
-from ppmcal.io.results.gross_errors import GrossErrorSummary
-from ppmcal.io.results.identifiability import flat_sentences, unidentifiable_words
+from ppmcal.io.results.gross_errors import unchecked_sentences
+from ppmcal.io.results.identifiability import flat_sentences, open_sentences, unidentifiable_words
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import ParameterEstimate, before_words
 from ppmcal.io.results.identification_tables import quantity_of
@@ -52,21 +52,21 @@ from ppmcal.wording import MOST, abbreviate_list
 
 def identifiability_section(record: IdentificationRecord) -> Section | None:
     """Return what these data cannot identify."""
-    lines = [*record.identifiability.sentences(), *flat_sentences(record.flats),
-             *record.gross_errors.unchecked_sentences(), *campaign_sentences(record.campaign)]
+    lines = [*open_sentences(record.collinear, record.scale), *flat_sentences(record.flats),
+             *unchecked_sentences(record.unchecked), *campaign_sentences(record.campaign)]
     return Section("Identifiability", bullets([typeset(t) for t in lines])) if lines else None
 
 
-def gross_error_section(found: GrossErrorSummary, units: Mapping[str, str], index: int
+def gross_error_section(found: IdentificationRecord, units: Mapping[str, str], index: int
                         ) -> Section | None:
     """Return what the rows left out said, and what they would have done to the parameters."""
     rows = [[text_cell(r.dataset), number_cell(r.row, exact(r.row)), text_cell(r.coordinate),
              *(number_cell(v, exact(v, 6)) for v in (r.value, r.predicted)), text_cell(r.unit),
-             number_cell(r.times)] for r in found.rows]
+             number_cell(r.times)] for r in found.gross_errors]
     out = table(_first("What those rows say, and what all others say of them", len(rows)),
                 ["data set", "row", "number", "measured", "the others say", "unit",
                  "times the noise"], rows[:MAX_ROWS], sort=True,
-                keys=[row_key(index, r.dataset, r.row or 0) for r in found.rows[:MAX_ROWS]])
+                keys=[row_key(index, r.dataset, r.row or 0) for r in found.gross_errors[:MAX_ROWS]])
     body = [[name_cell(name), *(number_cell(v, exact(v, 6)) for v in (now, then)),
              text_cell(units.get(name, ""))]
             for name, e in found.would_be.items()
@@ -100,7 +100,7 @@ def identified_section(one: Identified, index: int, title: str, body: str = "") 
     units = {p.name: p.unit for p in r.parameters}
     return Section(title, body, one.folder, parts=filled([
         accuracy(one), *plots(one, index), rows_section(one, index), excluded(one, index),
-        gross_error_section(r.gross_errors, units, index), parameters(r),
+        gross_error_section(r, units, index), parameters(r),
         identifiability_section(r), redundant(r), correlations(r)]))
 
 

@@ -9,6 +9,8 @@ from typing import Any
 
 from ppmcal.calibration.knowledge import FAR
 from ppmcal.io.results.campaign import campaign_sentences
+from ppmcal.io.results.gross_errors import unchecked_sentences
+from ppmcal.io.results.identifiability import scale_sentence
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_tables import (
     NEXT_TABLE,
@@ -97,11 +99,10 @@ def place(one: Identified, data: ReportData) -> str:
 
 def _findings(one: Identified, data: ReportData) -> list[tuple[str, str]]:
     record = one.record
-    out = [*record.all_findings(), *record.gross_errors.unchecked_sentences(),
+    out = [*record.all_findings(), *unchecked_sentences(record.unchecked),
            *campaign_sentences(record.campaign)]
-    scale = record.identifiability.scale
-    if scale is not None and scale.sentence():
-        out.append(scale.sentence())
+    if record.scale is not None and (told := scale_sentence(record.scale)):
+        out.append(told)
     out += [] if "findings" in record.given else _of_fields(record)
     return [(place(one, data), text) for text in out]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -248,9 +249,10 @@ def _certainty(one: Identified, d: DiagnosisRecord | None) -> Line:
 
 def _size(one: Identified) -> str:
     """Return what the machine's size rests on where that is little, else nothing."""
-    scale = one.record.identifiability.scale
+    scale = one.record.scale
     kinds = [find_instrument(d.kind) for d in one.record.datasets]
-    if scale is not None and scale.open and (scale.sigma is None or scale.prior_dominated):
+    if scale is not None and scale.open and (
+            scale.prior_dominated or not math.isfinite(scale.sigma)):
         return "how large the machine is rests on tolerances, not on these data"
     if any(k.along_line for k in kinds) and all(k.scalar for k in kinds):
         return ("how large the machine is rests on the measured distances alone: rods and the "

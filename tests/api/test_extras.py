@@ -68,7 +68,7 @@ def test_compare_tells_what_changed_without_names_or_platform(folders, break_):
     assert bare.comparison.p_value == whole.comparison.p_value
     np.testing.assert_array_equal(bare.comparison.sigma, whole.comparison.sigma)
     assert len(left_out(bare.findings)) == len(left_out(bare.record.findings)) == 2
-    assert bare.record.platform is None and "comparison.json" in bare.files()
+    assert bare.record.moved is None and "comparison.json" in bare.files()
 
 
 def test_compensate_sends_commands_without_what_is_told_beside_them(folders, break_):

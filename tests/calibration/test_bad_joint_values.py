@@ -13,7 +13,7 @@ from ppmcal.calibration.fit import FitOptions, Problem, find_gross_errors, ident
 from ppmcal.calibration.interpretation import InterpretationError
 from ppmcal.commands.inputs import prepared
 from ppmcal.errors import BadInput
-from ppmcal.io.results.gross_errors import GrossErrorSummary, row_sentences
+from ppmcal.io.results.gross_errors import gross_rows, row_sentences, would_be
 
 HALF = {"belts": {"x": 900, "y": 600}, "cables": {"x": 700, "y": 500, "rz": 8},
         "cage": {"x": 600, "y": 500, "z": 400, "rx": 10, "ry": 10, "rz": 10}}
@@ -162,7 +162,7 @@ def test_of_one_contradiction_the_sign_tells_what_may_be_slack(which, longer, tm
     machine, found = left_out(path, replace(data, q=q))
     assert {r.row for r in found.rows} == {4, 18, 41}
     assert all((names[which] in r.slack) == longer for r in found.rows)
-    text = " ".join(row_sentences(GrossErrorSummary.of(found, machine), machine))
+    text = " ".join(row_sentences(gross_rows(found, machine), would_be(found, machine), machine))
     assert ("that was slack." in text) == longer
     assert ("Of one contradiction a row the sign alone tells" in text) == longer
 

@@ -86,8 +86,8 @@ def test_what_is_seen_only_together_is_a_set_and_a_point_is_whole() -> None:
     a = np.random.default_rng(2).normal(size=(20, 4))
     block = np.column_stack([a[:, 0], a[:, 0], a[:, 1], 2.0 * a[:, 1], a[:, 2], a[:, 3]])
     assert sets_of(block, NAMES) == (Unidentifiable(
-        ("leg1.length", "leg2.base.point", "leg10.offset"),
-        ("leg1.length", "leg2.base.point.x", "leg2.base.point.y", "leg10.offset"), 2, False),)
+        2, ("leg1.length", "leg2.base.point", "leg10.offset"),
+        ("leg1.length", "leg2.base.point.x", "leg2.base.point.y", "leg10.offset")),)
 
 
 def test_sets_apart_and_what_has_no_effect_at_all() -> None:
@@ -95,9 +95,9 @@ def test_sets_apart_and_what_has_no_effect_at_all() -> None:
     block = np.column_stack([a[:, 0], a[:, 1], np.zeros(20), a[:, 2], a[:, 2], 0.0 * a[:, 2]])
     # the point's y is without effect, its x is not: its set is not unseen as a whole
     assert sets_of(block, NAMES) == (
-        Unidentifiable(("leg1.length", "leg3.length"), ("leg1.length", "leg3.length"), 1, False),
-        Unidentifiable(("leg1.offset",), ("leg1.offset",), 1, True),
-        Unidentifiable(("leg2.base.point",), ("leg2.base.point.y",), 1, False))
+        Unidentifiable(1, ("leg1.length", "leg3.length"), ("leg1.length", "leg3.length")),
+        Unidentifiable(1, ("leg1.offset",), ("leg1.offset",), unseen=True),
+        Unidentifiable(1, ("leg2.base.point",), ("leg2.base.point.y",)))
 
 
 @pytest.mark.parametrize(("share", "there"), [(10.0, True), (0.1, False)])

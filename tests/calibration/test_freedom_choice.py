@@ -102,7 +102,7 @@ def test_too_few_rows_leave_the_files_freedoms(printer):
 def test_the_users_choice_and_other_methods_are_not_overruled(printer):
     data = measured(printer, True, 7)
     by_hand = ppmcal.identify(printer, data, free=["*.offset"], holdout=0.0)
-    assert by_hand.freedoms is None and by_hand.record.freedoms is None
+    assert by_hand.freedoms is None and by_hand.record.blocks is None
     flat = with_chosen_freedoms(Problem(printer, data, printer.free), FitOptions(method="flat"),
                                 [False])
     assert flat[1] is None and flat[0].free == printer.free
@@ -111,7 +111,7 @@ def test_the_users_choice_and_other_methods_are_not_overruled(printer):
 def test_it_is_told_written_and_read_back(printer, tmp_path):
     found = ppmcal.identify(printer, measured(printer, True, 3), holdout=0.0)
     assert any("8 blocks of space" in n for n in found.notes)
-    assert [s.kept for s in found.record.freedoms.sets] == [True, True, True]
+    assert [s.kept for s in found.record.freedoms] == [True, True, True]
     found.save(tmp_path)
     again = ppmcal.load(tmp_path / "identified.yaml")
     assert {again.names[i] for i in again.free} == {

@@ -21,8 +21,9 @@ from ppmcal.calibration.knowledge.identifiability_report import (
     identifiability,
     predict_identifiability,
 )
+from ppmcal.codec import in_units
 from ppmcal.io import read_mechanism
-from ppmcal.io.results.identifiability import IdentifiabilitySummary
+from ppmcal.io.results.identifiability import open_sentences
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.registration import measured_pose
@@ -46,7 +47,7 @@ def test_touches_leave_scale_to_the_tolerances(tmp_path: Path) -> None:
         assert ("length", "ratio") in [(t.one, t.other) for t in found.collinear]
     assert ahead.scale and after.scale
     assert ahead.scale.sigma == pytest.approx(after.scale.sigma, rel=0.1)
-    words = " ".join(IdentifiabilitySummary.of(after, mechanism).sentences())
+    words = " ".join(open_sentences(after.collinear, in_units(after.scale, mechanism.units)))
     assert "constrained by the prior; the data alone leave" in words and "One distance of" in words
 
 
@@ -100,8 +101,8 @@ def test_positions_tell_scale() -> None:
     data = replace(Dataset.of_poses("camera", q, pose, (1e-5, 1.0), False), kind=POSITION)
     found = identifiability(fitted(mechanism, data))
     assert found.scale is not None and not found.scale.open
-    assert not any("Scale" in s for s in IdentifiabilitySummary.of(
-        found, mechanism).sentences())
+    assert not any("Scale" in s for s in open_sentences(
+        found.collinear, in_units(found.scale, mechanism.units)))
 
 
 @pytest.mark.parametrize("name", [

@@ -19,7 +19,8 @@ from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.knowledge.intervals import coverage, in_words
 from ppmcal.calibration.validation.summary import report
-from ppmcal.io.results.identifiability import ScaleUncertainty
+from ppmcal.codec import in_units
+from ppmcal.io.results.identifiability import scale_sentence
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
@@ -31,7 +32,6 @@ KNOWN = {
         "a tolerance, which is stated; the default of no noise",
     "calibration/knowledge/parameter_estimates.py": "the sigma that is as wide as an interval",
     "calibration/knowledge/identifiability_report.py": "before a fit the noise is as stated",
-    "io/results/identifiability.py": "the same, and files that do not say",
     "report/diagnosis_figures.py": "files that do not say",
     "controllers/delta/files.py": "printed parts, of which an interval is known, no noise",
     "diagnosis/result.py": "the default of no noise",
@@ -63,8 +63,8 @@ def test_scale_and_sessions_have_the_interval_of_the_fit_s_noise() -> None:
     scale = found.identifiability.scale
     assert scale.times == coverage(found.fit) > 1.01 * Z95
     said = replace(scale, sigma=0.01 * scale.length, sigma_data=0.02 * scale.length)
-    entry = ScaleUncertainty.of(said, mechanism.units)
-    half = float(re.search(r"\+- (\S+)", entry.sentence())[1])
+    entry = in_units(said, mechanism.units)
+    half = float(re.search(r"\+- (\S+)", scale_sentence(entry))[1])
     assert half == pytest.approx(coverage(found.fit) * entry.sigma, rel=5e-3)
     assert found.sessions.coverage > 1.01 * Z95
     record = IdentificationRecord.of(found, {}, "prior")

@@ -21,10 +21,16 @@ from ppmcal.calibration.fit.coverage import LEAST, Z95
 from ppmcal.calibration.fit.fit_result import Fit, FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.homing_shift import HomingShift, homing_shifts
-from ppmcal.calibration.fit.outliers import find_gross_errors
+from ppmcal.calibration.fit.outliers import UncheckedRows, find_gross_errors
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.validation.summary import report
-from ppmcal.io.results.gross_errors import GrossErrorSummary, row_sentences, shift_sentence
+from ppmcal.io.results.gross_errors import (
+    gross_rows,
+    row_sentences,
+    shift_sentence,
+    unchecked_sentences,
+    would_be,
+)
 from ppmcal.io.results.units import of_joints
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
@@ -84,7 +90,7 @@ def test_a_probe_that_did_not_trigger_is_named(tmp_path: Path) -> None:
         change = whole.state.g[p] - fit.state.g[p]
         assert now == fit.state.g[p]
         assert then - now == pytest.approx(change, rel=0.1)
-    words = row_sentences(GrossErrorSummary.of(found, mechanism), mechanism)
+    words = row_sentences(gross_rows(found, mechanism), would_be(found, mechanism), mechanism)
     assert f"row {good.rows[17]}: height" in words[0] and "With them" in words[1]
     assert not find_gross_errors(fitted(mechanism, good)).rows
 
@@ -107,9 +113,10 @@ def test_a_distance_that_stands_alone_is_unchecked(tmp_path: Path) -> None:
     g = truth(mechanism, rng, 0.01)
     bed, one = touches(mechanism, g, rng, 40), calipers(mechanism, g, rng, 1)
     fit = fitted(mechanism, bed, one)
-    assert find_gross_errors(fit).unchecked == (("calipers", (int(one.rows[0]),)),)
-    assert "would go unnoticed" in GrossErrorSummary.of(
-        find_gross_errors(fit), mechanism).unchecked_sentences()[-1]
+    assert find_gross_errors(fit).unchecked == (
+        UncheckedRows("calipers", (int(one.rows[0]),)),)
+    assert "would go unnoticed" in unchecked_sentences(
+        find_gross_errors(fit).unchecked)[-1]
     several = calipers(mechanism, g, rng, 5)
     assert not find_gross_errors(fitted(mechanism, bed, several)).unchecked
 
@@ -174,8 +181,8 @@ def test_files_are_sessions_and_per_file_homing_is_not_accused() -> None:
     assert {s.session for s in found} == {"B"}
     free = [replace(d, homing="per-file") for d in (a, b)]
     assert not find_gross_errors(fitted(mechanism, *free)).homing_shifts
-    summary = GrossErrorSummary.of(find_gross_errors(fitted(mechanism, a, b)), mechanism)
-    assert "the homing offset of leg2 shifted in B: by +0." in summary.shift_sentences()[-1]
+    assert "the homing offset of leg2 shifted in B: by +0." in shift_sentence(
+        of_joints(found, mechanism)[-1])
 
 
 @pytest.mark.slow

@@ -241,3 +241,31 @@ def test_what_is_wrong_within_an_object_is_refused_with_its_place(data: Any, pla
         read(data, Limits)
     assert place.partition(": ")[2] in str(refusal.value)
     assert place.partition(": ")[0] in str(refusal.value)
+
+
+@dataclass(frozen=True)
+class Held:
+    """A rod that is held, or is not; ``force`` follows from the rest."""
+
+    name: str
+    at: Annotated[Length[float | None], Key("clamp.at", whole=True)] = None
+    screws: Annotated[int, Key("clamp.screws")] = 0
+    force: float = field(init=False, default=0.0)
+
+    def __post_init__(self) -> None:
+        """Work the force out."""
+        self.__dict__["force"] = 2.0 * self.screws
+
+
+@pytest.mark.parametrize(("rod", "clamp"), [
+    (Held("a", 0.1, 3), {"at": 100.0, "screws": 3}), (Held("b"), None)])
+def test_an_object_is_null_where_the_field_that_stands_for_it_is_none(
+        rod: Held, clamp: object) -> None:
+    """What follows from the rest is written too, and read as it is there."""
+    told = {"name": rod.name, "clamp": clamp, "force": 2.0 * rod.screws}
+    assert encoded(in_units(rod, MM)) == told
+    again = read(told | {"force": 5.0}, Held)
+    assert again.force == 5.0 and encoded(again) == told | {"force": 5.0}
+    described = schema(Held)["properties"]["clamp"]
+    assert described["anyOf"][1] == {"type": "null"} and described["default"] is None
+    assert described["anyOf"][0]["properties"]["at"]["type"] == "number"

@@ -81,9 +81,9 @@ def test_the_parts_hold_what_was_found(folders: Path) -> None:
     found = IdentificationRecord.read(folders / "both" / "identification.json")
     assert found.units.length == "mm" and found.covariance is not None
     assert len(found.covariance.matrix) == found.columns == len(found.covariance.names)
-    shifts = {s.actuator: s for s in found.gross_errors.homing_shifts}
+    shifts = {s.actuator: s for s in found.homing_shifts}
     assert shifts["leg3"].unit == "mm" and abs(shifts["leg3"].value or 0.0) > 0.2
-    assert "homing offset of leg3" in " ".join(found.gross_errors.shift_sentences())
+    assert "homing offset of leg3" in " ".join(found.all_findings())
     assert found.provenance.command.startswith("ppmcal ")
     kept = IdentificationRecord.read(folders / "kept" / "identification.json")
     assert list(kept.earlier.values()) == ["sA/measurements.csv"]

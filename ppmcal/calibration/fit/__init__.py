@@ -84,6 +84,7 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.outliers import Distances as Distances
     from ppmcal.calibration.fit.outliers import GrossError as GrossError
     from ppmcal.calibration.fit.outliers import GrossErrors as GrossErrors
+    from ppmcal.calibration.fit.outliers import UncheckedRows as UncheckedRows
     from ppmcal.calibration.fit.outliers import distances as distances
     from ppmcal.calibration.fit.outliers import explained_distances as explained_distances
     from ppmcal.calibration.fit.outliers import find_gross_errors as find_gross_errors

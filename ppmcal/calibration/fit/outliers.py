@@ -215,16 +215,24 @@ class GrossError:
 
 
 @dataclass(frozen=True)
+class UncheckedRows:
+    """CSV rows of a data set that nothing else checks."""
+
+    dataset: str
+    rows: tuple[int, ...]
+
+
+@dataclass(frozen=True)
 class GrossErrors:
     """What does not belong.
 
     ``rows``: left out; ``would``: parameter -> (value now, value with those rows), SI;
-    ``unchecked``: (data set, CSV rows) that nothing else checks; ``homing_shifts``: of joints.
+    ``unchecked``: rows that nothing else checks; ``homing_shifts``: of joints.
     """
 
     rows: tuple[GrossError, ...]
     would: dict[str, tuple[float, float]]
-    unchecked: tuple[tuple[str, tuple[int, ...]], ...]
+    unchecked: tuple[UncheckedRows, ...]
     homing_shifts: tuple[HomingShift, ...]
 
 
@@ -321,7 +329,7 @@ def _would(fit: Fit, covariance: Array, noise: float) -> dict[str, tuple[float, 
     return out
 
 
-def unchecked(fit: Fit, covariance: Array) -> Iterator[tuple[str, tuple[int, ...]]]:
+def unchecked(fit: Fit, covariance: Array) -> Iterator[UncheckedRows]:
     """Yield rows of one-number instruments whose own error would hardly show."""
     found: dict[str, list[int]] = {}
     keep = [k & (d.kind.scalar) for d, k in zip(fit.problem.datasets, fit.keep, strict=True)]
@@ -333,7 +341,7 @@ def unchecked(fit: Fit, covariance: Array) -> Iterator[tuple[str, tuple[int, ...
             data.rows[rows.index[left < UNCHECKED]].astype(int).tolist())
     for name, numbers in found.items():
         if numbers:
-            yield name, tuple(numbers)
+            yield UncheckedRows(name, tuple(numbers))
 
 
 # --- rows far beyond what noise and tolerances explain, whatever the geometry ---------------------

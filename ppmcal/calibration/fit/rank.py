@@ -150,16 +150,19 @@ class Unidentifiable:
     """Parameters that the data see only together.
 
     Attributes:
+        combinations: how many combinations of them change nothing that was measured.
         slots: paths without coordinates, such as ``leg1.base.point``, sorted by name.
         parameters: all columns of theirs that take part, sorted by name.
-        combinations: how many combinations of them change nothing that was measured.
+        limbs: of the machine's ``of_limbs``, whose they are, once it is said.
         unseen: whether nothing in these slots has any effect.
     """
 
+    combinations: int
     slots: tuple[str, ...]
     parameters: tuple[str, ...]
-    combinations: int
-    unseen: bool
+    limbs: tuple[str, ...] = ()
+    of_limbs: int = 0
+    unseen: bool = False
 
 
 def slot_of(name: str) -> str:
@@ -209,7 +212,8 @@ def unidentifiable(rank: Rank, names: Sequence[str]) -> tuple[Unidentifiable, ..
         slots = tuple(dict.fromkeys(slot_of(names[c]) for c in group))
         count = sum(c in rank.dropped for c in group)
         whole = sum(slot_of(names[c]) in slots for c in (*rank.kept, *rank.dropped))
-        out.append(Unidentifiable(slots, tuple(names[c] for c in group), count, count == whole))
+        out.append(Unidentifiable(count, slots, tuple(names[c] for c in group),
+                                  unseen=count == whole))
     return tuple(out)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Annotated
 
@@ -25,7 +25,7 @@ from ppmcal.linalg import Array
 from ppmcal.model.limbs.chain import cross_matrix
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import is_joint_component
-from ppmcal.units import Finite, Key
+from ppmcal.units import Finite, Key, OfUnit, OrNull
 from ppmcal.wording.progress import stage
 
 SHARE = 0.7
@@ -50,36 +50,35 @@ POSITIONS = 300
 class Scale:
     """How well a distance between two measured positions is known, m.
 
-    ``length``: their distance; ``sigma``: its standard deviation with the tolerances,
-    ``sigma_data`` by the data alone (inf where they leave it open); ``times``: half of a 95 %
-    interval over each.
+    ``length``: their distance, the longest; ``sigma``: its standard deviation with the tolerances,
+    ``sigma_data`` by the data alone (inf where they leave it open); ``open``: whether these leave
+    scale to the prior (``prior_dominated``), or to nothing, by an amount that matters;
+    ``needed``: length of a distance that, measured to ``measure_to`` (one sigma), halves the
+    uncertainty; ``times``: half of a 95 % interval over each sigma, bare.
     """
 
-    length: float
-    sigma: float
-    sigma_data: float
-    times: float = Z95
+    length: Annotated[OfUnit[Finite], Key("distance")]
+    sigma: OfUnit[Finite]
+    sigma_data: OfUnit[Finite]
+    open: bool = field(init=False, default=False)
+    prior_dominated: bool = field(init=False, default=False)
+    needed: Annotated[OfUnit[OrNull[Finite]], Key("measure_at_least")] = field(
+        init=False, default=0.0)
+    measure_to: OfUnit[OrNull[Finite]] = field(init=False, default=CALIPER)
+    unit: str = field(init=False, default="length")
+    times: Finite = Z95
 
-    @property
-    def needed(self) -> float:
-        """Length of a distance that, measured to :data:`CALIPER`, halves the uncertainty, m."""
-        return float(np.sqrt(3.0) * CALIPER * self.length / self.sigma) if self.sigma else 0.0
-
-    @property
-    def prior_dominated(self) -> bool:
-        """Whether tolerances, more than the data, constrain the machine's size."""
-        return self.sigma < SHARE * self.sigma_data
+    def __post_init__(self) -> None:
+        """Judge it."""
+        held = self.sigma < SHARE * self.sigma_data
+        self.__dict__.update(
+            prior_dominated=held, open=self.sigma > (MATTERS if held else LOOSE) * self.length,
+            needed=float(np.sqrt(3.0) * CALIPER * self.length / self.sigma) if self.sigma else 0.0)
 
     @property
     def unobservable(self) -> bool:
         """Whether neither data nor prior constrain the machine's size."""
         return not self.prior_dominated and self.sigma > LOST * self.length
-
-    @property
-    def open(self) -> bool:
-        """Whether these data leave scale to the prior, or to nothing, by an amount that matters."""
-        least = MATTERS if self.prior_dominated else LOOSE
-        return self.sigma > least * self.length
 
 
 @dataclass(frozen=True)

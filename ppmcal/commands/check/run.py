@@ -10,15 +10,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ppmcal.calibration.fit import Unidentifiable
 from ppmcal.calibration.interpretation import Check, unit_findings
 from ppmcal.calibration.interpretation import check as checked
+from ppmcal.calibration.knowledge import Scale
+from ppmcal.codec import encoded, in_units
 from ppmcal.commands.check.options import CheckArguments
 from ppmcal.commands.inputs import data_files, prepared
 from ppmcal.commands.spec import Path_, Refusal
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.io.results.identifiability import (
-    IdentifiabilitySummary,
-    UnidentifiableSet,
+    open_sentences,
+    sets_of,
     unidentifiable_words,
 )
 from ppmcal.io.results.interpretation import misreading_entries
@@ -66,13 +69,13 @@ class CheckResult(Check):
         return int(bool(self.findings))
 
     @property
-    def _sets(self) -> list[UnidentifiableSet]:
-        return [UnidentifiableSet.of(s, self.of) for s in self.unidentifiable]
+    def _sets(self) -> tuple[Unidentifiable, ...]:
+        return sets_of(self.unidentifiable, self.of)
 
     @property
-    def _identifiability(self) -> IdentifiabilitySummary | None:
-        return (None if self.identifiability is None else
-                IdentifiabilitySummary.of(self.identifiability, self.of))
+    def _scale(self) -> Scale | None:
+        return in_units(self.identifiability.scale if self.identifiability else None,
+                        self.of.units)
 
     @property
     def of(self) -> Mechanism:
@@ -103,8 +106,8 @@ class CheckResult(Check):
             yield (
                 f"{pluralize(sum(s.combinations for s in sets), 'combination')} of parameters not "
                    f"determined by {seen}: {unidentifiable_words(sets)}.")
-        known = self._identifiability
-        open_ = known.sentences() if known else []
+        known = self.identifiability
+        open_ = open_sentences(known.collinear, self._scale) if known else []
         yield from open_
         yield Findings(self.findings)
         if not (self.findings or self.unseen or open_):
@@ -124,7 +127,7 @@ class CheckResult(Check):
 
     def summary(self) -> Mapping[str, Any]:
         """Return what ``--json`` prints."""
-        mechanism, known = self.of, self._identifiability
+        mechanism, known, scale = self.of, self.identifiability, self._scale
         factor, unit = mechanism.units.factor("length"), mechanism.units.length
         return {
             "format": "ppmcal/check/1", "name": mechanism.name, "findings": list(self.findings),
@@ -132,8 +135,10 @@ class CheckResult(Check):
                       "unit": unit, "open": g.open} for g in self.gaps],
             "condition": self.singular_value, "rank": self.rank, "columns": self.columns,
             "unseen": list(self.unseen), "redundant": list(self.redundant),
-            "unidentifiable": [s.entries(whole=True) for s in self._sets],
-            "identifiability": None if known is None else known.entries(),
+            "unidentifiable": encoded(self._sets),
+            "identifiability": None if known is None else {
+                "collinear": encoded(known.collinear),
+                **({"scale": encoded(scale)} if scale else {})},
             "misreadings": [m.entries() for m in
                             misreading_entries(self.misreadings, mechanism.units)]}
 

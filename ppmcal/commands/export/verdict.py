@@ -7,6 +7,7 @@ better than the machine did before it, of poses that the measurements leave open
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -67,17 +68,17 @@ def evidence_of(mechanism: Mechanism) -> FitEvidence:
 
 def _size(record: IdentificationRecord) -> str:
     """Return that no measurement holds the size, and what would; empty where one does."""
-    scale = record.identifiability.scale
-    if scale is None or not scale.open or not scale.distance:
+    scale = record.scale
+    if scale is None or not (scale.open and scale.length > 0.0):
         return ""
     measured = any(find_instrument(d.kind).along_line for d in record.datasets)
     measure = "measure one distance"
     head = "size is checked only roughly" if measured else "size is not checked"
-    if scale.sigma is None:
+    if not math.isfinite(scale.sigma):
         return f"{head}: {measure}"
-    if scale.measure_at_least and scale.measure_at_least <= scale.distance:
-        measure += f" of at least {scale.measure_at_least:.3g} {scale.unit}"
-    return (f"{head}: {scale.distance:.4g} {scale.unit} may be off by "
+    if 0.0 < scale.needed <= scale.length:
+        measure += f" of at least {scale.needed:.3g} {scale.unit}"
+    return (f"{head}: {scale.length:.4g} {scale.unit} may be off by "
             f"{scale.times * scale.sigma:.2g} {scale.unit} (95 %); "
             f"{f'{measure} to {scale.measure_to:.2g} {scale.unit}' if measured else measure}")
 

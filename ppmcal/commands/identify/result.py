@@ -14,8 +14,8 @@ from ppmcal.calibration.validation import Identification, Residuals
 from ppmcal.commands.result import Result
 from ppmcal.io.results.batch import CampaignQuantity, fit_quantities
 from ppmcal.io.results.campaign import campaign_sentences
-from ppmcal.io.results.gross_errors import row_sentences
-from ppmcal.io.results.identifiability import flat_sentences, unidentifiable_words
+from ppmcal.io.results.gross_errors import row_sentences, unchecked_sentences
+from ppmcal.io.results.identifiability import flat_sentences, open_sentences, unidentifiable_words
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import before_words
 from ppmcal.io.results.identification_wording import noise_verdict, short_intervals
@@ -45,12 +45,12 @@ def told(found: Identification, record: IdentificationRecord) -> Iterator[Told]:
     yield from _redundant(record, fit.by_tolerances)
     if fit.by_tolerances:
         yield from _prior_dominated(record)
-    yield from record.identifiability.sentences()
+    yield from open_sentences(record.collinear, record.scale)
     yield from flat_sentences(record.flats)
     yield from campaign_sentences(record.campaign)
     yield Findings(record.all_findings())
-    yield from row_sentences(record.gross_errors, found.mechanism)
-    yield from record.gross_errors.unchecked_sentences()
+    yield from row_sentences(record.gross_errors, record.would_be, found.mechanism)
+    yield from unchecked_sentences(record.unchecked)
 
 
 def _errors(record: IdentificationRecord) -> Iterator[Told]:

@@ -99,26 +99,6 @@ class NamedChange(Part):
                                            half=self.half),)
 
 
-class PlatformDifference(Part):
-    """How far the platform of the new machine is from the old one's, at the same joints."""
-
-    position: ErrorSize = ErrorSize()
-    rotation: ErrorSize = ErrorSize()
-    poses: Whole = 0
-
-    @classmethod
-    def of(cls, m: PoseDifference, mechanism: Mechanism) -> PlatformDifference:
-        """Return a difference of poses in file units."""
-        units = mechanism.units
-        if mechanism.self_calibrated and not mechanism.motion.turns:    # frames turn to be laid
-            m = replace(m, rotation_rms=0.0, rotation_max=0.0, rotation_chance=0.0)
-        return cls(position=ErrorSize.filled(None, units, rms=m.position_rms, max=m.position_max,
-                                          by_chance=m.position_chance, unit="length"),
-                   rotation=ErrorSize.filled(None, units, rms=m.rotation_rms, max=m.rotation_max,
-                                          by_chance=m.rotation_chance, unit="angle"),
-                   poses=m.poses)
-
-
 class ComparisonRecord(Record):
     """comparison.json, in the units of the new machine's file.
 
@@ -126,6 +106,8 @@ class ComparisonRecord(Record):
     that ``nothing`` has changed, and that something ``unlisted`` has.
     ``noise_old``, ``noise_new``: of the data over the stated ones, bare; ``alike``: which part of
     the residuals' square comes back at the same poses, bare too.
+    ``moved``, ``turned``: how far the platform of the new machine is from the old one's, at the
+    same joints; of ``over_poses``.
     ``fitted_anew``: parameters that only one of the two had free, and both have here.
     ``again``: whether both were fitted to their measurements again, from one point.
     ``verdict``: ``changed``, ``unchanged``, or ``not compared`` for the reason ``why_not``, without
@@ -146,7 +128,9 @@ class ComparisonRecord(Record):
     nothing: Finite | None = None
     changes: tuple[NamedChange, ...] = ()
     unlisted: Finite | None = None
-    platform: PlatformDifference | None = None
+    moved: Annotated[ErrorSize | None, Key("platform.position", whole=True)] = None
+    turned: Annotated[ErrorSize, Key("platform.rotation")] = ErrorSize()
+    over_poses: Annotated[Whole, Key("platform.poses")] = 0
     noise_old: Annotated[Finite | None, Key("noise.old")] = None
     noise_new: Annotated[Finite | None, Key("noise.new")] = None
     alike: Annotated[Finite | None, Key("noise.alike")] = None
@@ -160,7 +144,6 @@ class ComparisonRecord(Record):
            notes: Sequence[str] = (), anew: Sequence[str] = (), *, again: bool = False
            ) -> ComparisonRecord:
         """Return the record of a comparison; ``anew``: ``fitted_anew``."""
-        moved = found.pose_difference
         if found.why_not:
             return cls(format=cls.FORMAT, name=mechanism.name, verdict=NOT_COMPARED,
                        why_not=found.why_not, findings=tuple(notes),
@@ -172,7 +155,7 @@ class ComparisonRecord(Record):
                    changes=tuple(NamedChange.of(c, mechanism, found.coverage)
                                  for c in found.changes),
                    unlisted=found.unlisted,
-                   platform=None if moved is None else PlatformDifference.of(moved, mechanism),
+                   **_moved(found.pose_difference, mechanism),
                    noise_old=found.noise.old, noise_new=found.noise.new,
                    alike=1.0 - found.noise.share**2, same_poses=found.noise.same,
                    parameters=tuple(_parameters(found, mechanism)), findings=tuple(notes),
@@ -269,18 +252,32 @@ def noise_sentence(r: ComparisonRecord) -> str:
 
 def platform_sentence(r: ComparisonRecord) -> str:
     """Return what the change means at the platform, empty where that is not known."""
-    if r.platform is None or r.platform.position.rms is None:
+    at, turned = r.moved, r.turned
+    if at is None or at.rms is None:
         return ""
-    at, turned = r.platform.position, r.platform.rotation
     most = "" if at.max is None else f" and {at.max:.4g} {at.unit} at most"
     turn = f", {turned.rms:.4g} {turned.unit} rms" if turned.rms else ""
-    over = (f", over {r.platform.poses} poses of the volume measured before"
-            if r.platform.poses else "")
+    over = (f", over {r.over_poses} poses of the volume measured before" if r.over_poses else "")
     chance = ("" if at.by_chance is None else f" Noise alone would make {at.by_chance:.4g} "
               f"{at.unit} rms of it" + (f" and {turned.by_chance:.4g} {turned.unit}."
                                         if turn and turned.by_chance is not None else "."))
     return (f"At the same joints the platform is {at.rms:.4g} {at.unit} rms{most} from where it "
             f"was{turn}{over}.{chance}")
+
+
+def _moved(m: PoseDifference | None, mechanism: Mechanism) -> dict[str, Any]:
+    """Return how far the platform is from where it was, file units, as fields of the record."""
+    if m is None:
+        return {"moved": None}
+    if mechanism.self_calibrated and not mechanism.motion.turns:    # frames turn to be laid
+        m = replace(m, rotation_rms=0.0, rotation_max=0.0, rotation_chance=0.0)
+    units = mechanism.units
+    return {
+        "moved": ErrorSize.filled(None, units, rms=m.position_rms, max=m.position_max,
+                                  by_chance=m.position_chance, unit="length"),
+        "turned": ErrorSize.filled(None, units, rms=m.rotation_rms, max=m.rotation_max,
+                                   by_chance=m.rotation_chance, unit="angle"),
+        "over_poses": m.poses}
 
 
 def _parameters(found: Comparison, mechanism: Mechanism) -> list[ParameterDifference]:

@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from ppmcal.calibration.fit import Z95, Flat, Unidentifiable
-from ppmcal.calibration.knowledge import CALIPER, CollinearParameters, Identifiability, Scale
-from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
+from ppmcal.calibration.fit import Flat, Unidentifiable
+from ppmcal.calibration.knowledge import CollinearParameters, Scale
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.units import OfUnit, Units
 from ppmcal.wording import MOST, abbreviate_list
 
 SMOOTH = 0.01
@@ -38,141 +37,87 @@ def strongest(found: Sequence[CollinearParameters]) -> list[CollinearParameters]
     return sorted(found, key=lambda p: -abs(float(np.nan_to_num(p.correlation))))
 
 
-class ScaleUncertainty(Part):
-    """How well the longest measured distance is known; lengths in ``unit``.
-
-    ``sigma`` with the prior, ``sigma_data`` without, None where it is unobservable; ``open``:
-    uncertain by an amount that matters; ``measure_at_least``: the distance that, measured to
-    ``measure_to`` (one sigma), halves the uncertainty; ``times``: half of a 95 % interval over
-    sigma, bare.
-    """
-
-    distance: OfUnit[Finite | None] = None
-    sigma: OfUnit[Finite | None] = None
-    sigma_data: OfUnit[Finite | None] = None
-    open: Flag = False
-    prior_dominated: Flag = False
-    measure_at_least: OfUnit[Finite | None] = None
-    measure_to: OfUnit[Finite | None] = None
-    unit: Text = ""
-    times: Finite = Z95
-
-    @classmethod
-    def of(cls, scale: Scale, units: Units) -> ScaleUncertainty:
-        """Return the entry of a scale in file units."""
-        return cls.filled(scale, units, distance=scale.length, measure_at_least=scale.needed,
-                          measure_to=CALIPER, unit="length")
-
-    def sentence(self) -> str:
-        """Return how well a distance is known, and what to measure to know it better."""
-        if not self.open or self.distance is None or self.distance <= 0.0:
-            return ""
-        unit, size = self.unit, f"{self.distance:.4g} {self.unit}"
-        if self.sigma is None:
-            return (f"Scale is unobservable: nothing constrains the distance of {size} between "
-                    "the measured positions that lie farthest apart. Measure one distance.")
-        needed, caliper = self.measure_at_least or 0.0, self.measure_to or 0.0
-        if needed <= 0.0 or caliper <= 0.0:
-            return ""
-        text = (f"Scale: a distance of {size} is known to "
-                f"+- {self.times * self.sigma:.3g} {unit} (95 %)")
-        if self.prior_dominated:
-            alone = self.sigma_data
-            left = (f"+- {self.times * alone:.2g} {unit}"
-                    if alone is not None and alone < self.distance else "it open")
-            text += f", constrained by the prior; the data alone leave {left}"
-        if needed <= self.distance:
-            return (f"{text}. One distance of at least {needed:.3g} {unit}, measured to "
-                    f"{caliper:.2g} {unit} (one sigma), would halve that.")
-        return (f"{text}. That distance measured to {caliper * self.distance / needed:.2g} {unit} "
-                "(one sigma) would halve it.")
+def scale_sentence(scale: Scale) -> str:
+    """Return how well a distance, file units, is known, and what to measure to know it better."""
+    if not (scale.open and scale.length > 0.0):
+        return ""
+    unit, size = scale.unit, f"{scale.length:.4g} {scale.unit}"
+    if not math.isfinite(scale.sigma):
+        return (f"Scale is unobservable: nothing constrains the distance of {size} between "
+                "the measured positions that lie farthest apart. Measure one distance.")
+    needed, caliper = scale.needed, scale.measure_to
+    if not (needed > 0.0 and caliper > 0.0):
+        return ""
+    text = (f"Scale: a distance of {size} is known to "
+            f"+- {scale.times * scale.sigma:.3g} {unit} (95 %)")
+    if scale.prior_dominated:
+        left = (f"+- {scale.times * scale.sigma_data:.2g} {unit}"
+                if scale.sigma_data < scale.length else "it open")
+        text += f", constrained by the prior; the data alone leave {left}"
+    if needed <= scale.length:
+        return (f"{text}. One distance of at least {needed:.3g} {unit}, measured to "
+                f"{caliper:.2g} {unit} (one sigma), would halve that.")
+    return (f"{text}. That distance measured to {caliper * scale.length / needed:.2g} {unit} "
+            "(one sigma) would halve it.")
 
 
-class UnidentifiableSet(Part):
-    """Parameters that the data see only together.
-
-    ``combinations`` of ``parameters`` change nothing that was measured; ``slots``: their paths
-    without coordinates; ``limbs`` of the machine's ``of_limbs``, whose they are; ``unseen``: none
-    of them has any effect.
-    """
-
-    combinations: Whole = 0
-    slots: tuple[Text, ...] = ()
-    parameters: tuple[Text, ...] = ()
-    limbs: tuple[Text, ...] = ()
-    of_limbs: Whole = 0
-    unseen: Flag = False
-
-    @classmethod
-    def of(cls, found: Unidentifiable, mechanism: Mechanism) -> UnidentifiableSet:
-        """Return the entry of a set."""
-        own = {s.partition(".")[0] for s in found.slots}
-        limbs = tuple(limb.name for limb in mechanism.limbs if limb.name in own)
-        return cls.filled(found, limbs=limbs, of_limbs=len(mechanism.limbs))
-
-    @property
-    def paths(self) -> dict[str, tuple[str, ...]]:
-        """Path within the limb -> the limbs that have it; nothing of what is not a limb's."""
-        out: dict[str, tuple[str, ...]] = {}
-        for slot in self.slots:
-            limb, _, path = slot.partition(".")
-            if limb in self.limbs:
-                out[path] = (*out.get(path, ()), limb)
-        return out
-
-    def words(self) -> str:
-        """Return the slots, those of all limbs as one."""
-        shared: dict[tuple[str, ...], list[str]] = {}
-        for path, limbs in self.paths.items():
-            shared.setdefault(limbs, []).append(path)
-        each = [" and ".join(sorted(paths)) + " of " + (
-                    limbs[0] if len(limbs) == 1 else
-                    "all limbs" if len(limbs) == self.of_limbs else ", ".join(limbs))
-                for limbs, paths in shared.items()]
-        other = [s for s in self.slots if s.partition(".")[0] not in self.limbs]
-        return ", ".join([*sorted(each), *sorted(other)])
+def sets_of(found: Sequence[Unidentifiable], mechanism: Mechanism) -> tuple[Unidentifiable, ...]:
+    """Return sets that say whose limbs' they are."""
+    names = [limb.name for limb in mechanism.limbs]
+    return tuple(replace(s, of_limbs=len(names), limbs=tuple(
+        n for n in names if n in {slot.partition(".")[0] for slot in s.slots})) for s in found)
 
 
-def unidentifiable_words(found: Sequence[UnidentifiableSet]) -> str:
+def _paths(found: Unidentifiable) -> dict[str, tuple[str, ...]]:
+    """Return path within the limb -> the limbs that have it; nothing of what is not a limb's."""
+    out: dict[str, tuple[str, ...]] = {}
+    for slot in found.slots:
+        limb, _, path = slot.partition(".")
+        if limb in found.limbs:
+            out[path] = (*out.get(path, ()), limb)
+    return out
+
+
+def _words(found: Unidentifiable) -> str:
+    """Return the slots, those of all limbs as one."""
+    shared: dict[tuple[str, ...], list[str]] = {}
+    for path, limbs in _paths(found).items():
+        shared.setdefault(limbs, []).append(path)
+    each = [" and ".join(sorted(paths)) + " of " + (
+                limbs[0] if len(limbs) == 1 else
+                "all limbs" if len(limbs) == found.of_limbs else ", ".join(limbs))
+            for limbs, paths in shared.items()]
+    other = [s for s in found.slots if s.partition(".")[0] not in found.limbs]
+    return ", ".join([*sorted(each), *sorted(other)])
+
+
+def unidentifiable_words(found: Sequence[Unidentifiable]) -> str:
     """Return what cannot be told apart: ``6 of base.point of all limbs; ...``.
 
     Limbs that have the same are one.
     """
-    alike: dict[tuple[object, ...], list[UnidentifiableSet]] = {}
+    alike: dict[tuple[object, ...], list[Unidentifiable]] = {}
     for one in found:
-        key = tuple(sorted(one.paths)) if len(one.limbs) == 1 and len(one.paths) == len(
-            one.slots) else one.words()
+        key = tuple(sorted(_paths(one))) if len(one.limbs) == 1 and len(_paths(one)) == len(
+            one.slots) else _words(one)
         alike.setdefault((key, one.combinations, one.unseen), []).append(one)
     out = []
     for (_, combinations, unseen), sets in alike.items():
         first = sets[0]
         limbs = [limb for s in sets for limb in s.limbs]
-        words = first.words() if len(sets) == 1 else (
-            f"{' and '.join(sorted(first.paths))} of each of "
+        words = _words(first) if len(sets) == 1 else (
+            f"{' and '.join(sorted(_paths(first)))} of each of "
             f"{'the limbs' if len(limbs) == first.of_limbs else ', '.join(limbs)}")
         total = int(str(combinations)) * len(sets)
         out.append((-total, f"{total} of {words}{' (no effect at all)' if unseen else ''}"))
     return "; ".join(words for _, words in sorted(out))
 
 
-class IdentifiabilitySummary(Part):
-    """What the data cannot identify; ``scale`` is missing where it could not be judged."""
-
-    collinear: tuple[CollinearParameters, ...] = ()
-    scale: ScaleUncertainty | None = None
-
-    @classmethod
-    def of(cls, found: Identifiability, mechanism: Mechanism) -> IdentifiabilitySummary:
-        """Return the entry in file units."""
-        scale = {} if found.scale is None else {
-            "scale": ScaleUncertainty.of(found.scale, mechanism.units)}
-        return cls(collinear=found.collinear, **scale)
-
-    def sentences(self) -> list[str]:
-        """Return what a person should know before believing every digit."""
-        pairs = [s for p in strongest(self.collinear) if (s := pair_sentence(p))]
-        return list(filter(None, [self.scale.sentence() if self.scale else "", *gathered_pairs(
-            self.collinear, pairs)]))
+def open_sentences(collinear: Sequence[CollinearParameters], scale: Scale | None) -> list[str]:
+    """Return what a person should know before believing every digit; ``scale``: file units."""
+    pairs = [s for p in strongest(collinear) if (s := pair_sentence(p))]
+    return list(filter(None, [scale_sentence(scale) if scale else "",
+                              *gathered_pairs(collinear, pairs)]))
 
 
 def gathered_pairs(found: Sequence[CollinearParameters], each: Sequence[str]) -> list[str]:

@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
-from typing import Any, ClassVar
+from dataclasses import field, replace
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from ppmcal.calibration.fit import Flat, Noise
-from ppmcal.calibration.knowledge import FreedomChoice, registered
+from ppmcal.calibration.fit import Flat, HomingShift, Noise, UncheckedRows, Unidentifiable
+from ppmcal.calibration.knowledge import (
+    CollinearParameters,
+    FreedomChoice,
+    FreedomSet,
+    Scale,
+    registered,
+)
 from ppmcal.calibration.validation import Dependence, DoubtfulStretch, Identification, definition
 from ppmcal.codec import unsaid
 from ppmcal.io import write_mechanism
 from ppmcal.io.results.campaign import CampaignSummary
-from ppmcal.io.results.gross_errors import GrossErrorSummary
-from ppmcal.io.results.identifiability import IdentifiabilitySummary, UnidentifiableSet
+from ppmcal.io.results.gross_errors import gross_rows, shift_sentence, would_be
+from ppmcal.io.results.identifiability import sets_of
 from ppmcal.io.results.identification_parts import (
     CorrelatedPair,
     CovarianceEntry,
     DefinedFrameEntry,
     ErrorStages,
     FittedDataset,
-    FreedomChoiceEntry,
     ParameterEstimate,
     RegistrationEntry,
     Summaries,
@@ -42,9 +47,10 @@ from ppmcal.io.results.record import Finite, Flag, Record, Text, Whole
 from ppmcal.io.results.units import Numbers, of_joints
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.registration import Registration
+from ppmcal.notes import Note
 from ppmcal.store.output import Content
 from ppmcal.store.provenance import Provenance
-from ppmcal.units import ByCoordinate, Units
+from ppmcal.units import ByCoordinate, Key, Units
 
 CORRELATED = 0.95
 STRONGEST = 50
@@ -55,11 +61,14 @@ class IdentificationRecord(Record):
 
     ``by_normal_equations``: of the iterations, those whose step came from normal equations and not
     from QR of the rows, their condition allowing it; the last one never does.
+    ``would_be``: what parameters would be ``with_them``, the rows of ``gross_errors``, in the unit
+    of each. ``scale`` is missing where it could not be judged.
     ``observability``: O1 to O5, in tolerances per standard deviation; ``unexplained``: rms of
     what neither model nor noise explains; ``doubtful``: stretches of joints in which rows were
     left out that the model misses; ``campaign``: poses too weak for what was fitted, with those
-    that are missing in next.csv; ``freedoms``: which optional ones were kept;
-    ``measured_volume``: coordinate -> (low, high); ``earlier``: content hash -> name of the
+    that are missing in next.csv; ``freedoms``: nested sets of optional
+    ones, smallest first, as they predict ``blocks`` left out in turn; ``measured_volume``:
+    coordinate -> (low, high); ``earlier``: content hash -> name of the
     tables behind a calibration carried on; ``known_rows``: of all tables behind this one, by which
     copies of them are recognised; ``column_units``: of the CSV files beside it, by file,
     empty for bare numbers.
@@ -74,7 +83,7 @@ class IdentificationRecord(Record):
     rank: Whole | None = None
     columns: Whole | None = None
     redundant: tuple[Dependence, ...] = ()
-    unidentifiable: tuple[UnidentifiableSet, ...] = ()
+    unidentifiable: tuple[Unidentifiable, ...] = ()
     iterations: Whole | None = None
     by_normal_equations: Whole | None = None
     converged: Flag | None = None
@@ -86,8 +95,13 @@ class IdentificationRecord(Record):
     observability: Mapping[Text, Finite | None] = field(default_factory=dict)
     correlations: tuple[CorrelatedPair, ...] = ()
     flats: tuple[Flat, ...] = ()
-    gross_errors: GrossErrorSummary = GrossErrorSummary()
-    identifiability: IdentifiabilitySummary = IdentifiabilitySummary()
+    gross_errors: Annotated[tuple[LeftOutRow, ...], Key("gross_errors.rows")] = ()
+    would_be: Annotated[Mapping[Text, Mapping[Text, Finite | None]],
+                        Key("gross_errors.would_be")] = field(default_factory=dict)
+    homing_shifts: Annotated[tuple[HomingShift, ...], Key("gross_errors.homing_shifts")] = ()
+    unchecked: Annotated[tuple[UncheckedRows, ...], Key("gross_errors.unchecked")] = ()
+    collinear: Annotated[tuple[CollinearParameters, ...], Key("identifiability.collinear")] = ()
+    scale: Annotated[Scale | None, Key("identifiability.scale")] = None
     excluded: tuple[LeftOutRow, ...] = ()
     findings: tuple[Text, ...] = ()
     datasets: tuple[FittedDataset, ...] = ()
@@ -95,7 +109,8 @@ class IdentificationRecord(Record):
     column_units: Mapping[Text, Mapping[Text, Text]] = field(default_factory=dict)
     doubtful: tuple[DoubtfulStretch, ...] = ()
     campaign: CampaignSummary | None = None
-    freedoms: FreedomChoiceEntry | None = None
+    blocks: Annotated[Whole | None, Key("freedoms.blocks", whole=True)] = None
+    freedoms: Annotated[tuple[FreedomSet, ...], Key("freedoms.sets")] = ()
     measured_volume: ByCoordinate[Mapping[Text, Numbers]] = field(default_factory=dict)
     provenance: Provenance = Provenance()
     earlier: Mapping[Text, Text] = field(default_factory=dict)
@@ -107,6 +122,9 @@ class IdentificationRecord(Record):
            freedoms: FreedomChoice | None = None) -> IdentificationRecord:
         """Return the record of an identification."""
         fit, mechanism, units = result.fit, result.mechanism, result.mechanism.units
+        gross, open_ = result.gross_errors, result.identifiability
+        kept: dict[str, Any] = {} if freedoms is None else {"freedoms": tuple(
+            replace(s, kept=n <= freedoms.kept) for n, s in enumerate(freedoms.sets))}
         carried = {} if result.earlier is None else {"earlier": dict(result.earlier.inputs)}
         stages = ErrorStages(before_is=definition(fit.problem.blind),
                                 before=summaries(result.before.figures(fit.keep), units),
@@ -117,8 +135,7 @@ class IdentificationRecord(Record):
             parameters=tuple(ParameterEstimate.of(e, units) for e in result.estimates),
             rank=result.rank, columns=len(result.columns),
             redundant=tuple(combination_in_units(d, mechanism) for d in result.redundant),
-            unidentifiable=tuple(UnidentifiableSet.of(s, mechanism)
-                                 for s in result.unidentifiable),
+            unidentifiable=sets_of(result.unidentifiable, mechanism),
             iterations=fit.iterations, by_normal_equations=fit.summed, converged=fit.converged,
             prior_scale=fit.prior_scale,
             residual=stages, unexplained=summaries(
@@ -126,8 +143,9 @@ class IdentificationRecord(Record):
             holdout_note=result.holdout_note, noise=result.noise,
             observability=result.observability, correlations=_correlations(result),
             flats=result.flats,
-            gross_errors=GrossErrorSummary.of(result.gross_errors, mechanism),
-            identifiability=IdentifiabilitySummary.of(result.identifiability, mechanism),
+            gross_errors=gross_rows(gross, mechanism), would_be=would_be(gross, mechanism),
+            homing_shifts=of_joints(gross.homing_shifts, mechanism), unchecked=gross.unchecked,
+            collinear=open_.collinear, **({"scale": open_.scale} if open_.scale else {}),
             excluded=(*excluded_rows(fit), *(
                 LeftOutRow(dataset=d.name, row=int(row), reason=reason)
                 for d in fit.problem.datasets for row, reason in d.dropped)),
@@ -135,7 +153,7 @@ class IdentificationRecord(Record):
             datasets=_datasets(result),
             doubtful=of_joints(result.doubtful, mechanism),
             campaign=CampaignSummary.of(result.campaign, units),
-            freedoms=None if freedoms is None else FreedomChoiceEntry.of(freedoms),
+            blocks=None if freedoms is None else freedoms.blocks, **kept,
             units=units, column_units=table_units(fit.problem),
             measured_volume=result.measured_volume,
             provenance=Provenance(**provenance), **carried,
@@ -144,7 +162,7 @@ class IdentificationRecord(Record):
 
     def all_findings(self) -> list[str]:
         """Return the findings, and which drives lost their zero."""
-        return [*self.findings, *self.gross_errors.shift_sentences()]
+        return [*self.findings, *(Note(t) for s in self.homing_shifts if (t := shift_sentence(s)))]
 
     def summary(self) -> dict[str, Any]:
         """Return the content without the covariance and the rows of the tables."""

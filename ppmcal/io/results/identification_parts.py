@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field, replace
+from dataclasses import field
 from typing import Annotated
 
 import numpy as np
 
 from ppmcal.calibration.fit import Fit, data_rows, half_interval, half_or, of_data
-from ppmcal.calibration.knowledge import Considered, Estimate, FreedomChoice, FreedomSet
+from ppmcal.calibration.knowledge import Considered, Estimate
 from ppmcal.calibration.sessions import session_knowledge
 from ppmcal.calibration.validation import Dependence, Identification
 from ppmcal.io.pose_fields import factors
@@ -276,16 +276,3 @@ def summaries(values: Mapping[str, Mapping[str, float]], units: Units
     return {name: ErrorSize.filled(
         None, units, **parts, unit="angle" if name == "rotation" else "length")
         for name, parts in values.items()}
-
-
-class FreedomChoiceEntry(Part):
-    """Nested sets of freedoms, smallest first, as they predict ``blocks`` left out in turn."""
-
-    blocks: Whole = 0
-    sets: tuple[FreedomSet, ...] = ()
-
-    @classmethod
-    def of(cls, found: FreedomChoice) -> FreedomChoiceEntry:
-        """Return the entry; all figures are bare."""
-        return cls(blocks=found.blocks, sets=tuple(
-            replace(s, kept=n <= found.kept) for n, s in enumerate(found.sets)))

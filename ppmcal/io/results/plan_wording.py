@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ppmcal import linalg
+from ppmcal.codec import in_units
 from ppmcal.design.plan.information import PAYS, reaching
 from ppmcal.design.plan.result import Plan
-from ppmcal.io.results.identifiability import ScaleUncertainty
+from ppmcal.io.results.identifiability import scale_sentence
 from ppmcal.model.dataset import Unknown
 from ppmcal.notes import Note, about
 from ppmcal.wording import abbreviate_list, pluralize
@@ -64,7 +65,7 @@ def _scale(plan: Plan) -> list[str]:
     place = plan.pool.pose[plan.offer.pose[plan.rows], :3]
     apart = np.linalg.norm(place[:, None] - place, axis=2)
     first, last = sorted(np.unravel_index(int(np.argmax(apart)), apart.shape))
-    return [f"{ScaleUncertainty.of(plan.scale, plan.mechanism.units).sentence()} It is that of "
+    return [f"{scale_sentence(in_units(plan.scale, plan.mechanism.units))} It is that of "
             f"the platform between rows {first + 1} and {last + 1}."]
 
 

@@ -12,7 +12,6 @@ from ppmcal.design.sensitivity import Sensitivity
 from ppmcal.io.results.design import AnalysisRecord, ShownTable, geometry_note
 from ppmcal.io.results.record import (
     Flag,
-    Part,
     PlainCell,
     Shown,
     Text,
@@ -45,46 +44,15 @@ MOST_ENTRIES = 500_000
 """jacobian.csv is left out where it would have more rows."""
 
 
-class ErrorsTogether(Part):
-    """Displacement of the tool by errors that are all off by the same ``size``.
-
-    ``relative``: difference of linear and exact model over the linear one's, a bare number.
-    """
-
-    errors: Whole = 0
-    size: Shown | None = None
-    size_unit: Text = ""
-    linear: Length[Shown | None] = None
-    exact: Length[Shown | None] = None
-    relative: Shown | None = None
-    unit: Text = ""
-    linear_rotation: Angle[Shown | None] = None
-    exact_rotation: Angle[Shown | None] = None
-    rotation_unit: Text = ""
-    reached: Flag = False
-
-    @classmethod
-    def of(cls, found: Sensitivity) -> Self | None:
-        """Return the displacement at the size asked for, None if none was."""
-        one, units = found.at_size, found.mechanism.units
-        if one is None:
-            return None
-        (linear, turned), (exact, exact_turn) = one.linear[0].tolist(), one.exact[0].tolist()
-        return cls.filled(
-            None, units, errors=len(found.moved), reached=np.isfinite(one.exact).all(),
-            size=float(one.scale[0]) / units.factor(size_quantity(found)),
-            size_unit=size_unit(found), linear=linear, exact=exact, unit=units.length,
-            relative=float(one.apart[0, 0]) / linear if linear > 0.0 else None,
-            linear_rotation=turned, exact_rotation=exact_turn, rotation_unit=units.angle)
-
-
 class SensitivityRecord(AnalysisRecord):
     """sensitivity.json; ``units``: of the columns of the tables, by name.
 
     ``tool``: in platform axes; ``amplification_position`` to ``worst_rotation``: at home;
     ``groups``: shares of the tool's variance that come from groups of errors, bare; ``linear_to``:
     size of errors up to which the linear model is right to ``linear_to_within``, None: at all
-    tried.
+    tried. ``together``: so many errors are all off by the same ``size``, which displaces the tool
+    by ``linear`` to ``exact_rotation``; ``relative``: difference of linear and exact model over the
+    linear one's, bare.
     """
 
     FILE: ClassVar[str] = "sensitivity.json"
@@ -107,7 +75,17 @@ class SensitivityRecord(AnalysisRecord):
     worst_position: Annotated[Length[Shown | None], Key("home.worst_position")] = None
     worst_rotation: Annotated[Angle[Shown | None], Key("home.worst_rotation")] = None
     groups: Mapping[str, tuple[Mapping[str, PlainCell], ...]] = field(default_factory=dict)
-    together: ErrorsTogether | None = None
+    together: Annotated[Whole | None, Key("together.errors", whole=True)] = None
+    size: Annotated[Shown | None, Key("together.size")] = None
+    size_unit: Annotated[Text, Key("together.size_unit")] = ""
+    linear: Annotated[Length[Shown | None], Key("together.linear")] = None
+    exact: Annotated[Length[Shown | None], Key("together.exact")] = None
+    relative: Annotated[Shown | None, Key("together.relative")] = None
+    unit: Annotated[Text, Key("together.unit")] = ""
+    linear_rotation: Annotated[Angle[Shown | None], Key("together.linear_rotation")] = None
+    exact_rotation: Annotated[Angle[Shown | None], Key("together.exact_rotation")] = None
+    rotation_unit: Annotated[Text, Key("together.rotation_unit")] = ""
+    reached: Annotated[Flag, Key("together.reached")] = False
     linear_to: Annotated[Shown | None, Key("linear_to.value")] = None
     linear_to_within: Annotated[Shown | None, Key("linear_to.relative")] = None
     linear_to_unit: Annotated[Text, Key("linear_to.unit")] = ""
@@ -134,7 +112,7 @@ class SensitivityRecord(AnalysisRecord):
             groups={by: tuple({"group": g, "share_position": p, "share_rotation": r}
                               for g, p, r in shares(found, by))
                     for by in ("limb", "slot", "kind", "quantity")},
-            together=ErrorsTogether.of(found),
+            **_together(found),
             linear_to=linear_limit(found), linear_to_within=LINEAR_WITHIN,
             linear_to_unit=size_unit(found),
             tables=(share_table(found, "limb"), share_table(found, "slot"),
@@ -156,6 +134,20 @@ class SensitivityRecord(AnalysisRecord):
         if listed and len(found.table.status) * len(found.sources) <= MOST_ENTRIES:
             out["jacobian.csv"] = table_text(jacobian_table(found), units)
         return {**out, **pictures(found, grid), self.FILE: self.text()}
+
+
+def _together(found: Sensitivity) -> dict[str, Any]:
+    """Return the displacement at the size asked for, as fields of the record."""
+    one, units = found.at_size, found.mechanism.units
+    if one is None:
+        return {"together": None}
+    (linear, turned), (exact, exact_turn) = one.linear[0].tolist(), one.exact[0].tolist()
+    return {
+        "together": len(found.moved), "reached": np.isfinite(one.exact).all(),
+        "size": float(one.scale[0]) / units.factor(size_quantity(found)),
+        "size_unit": size_unit(found), "linear": linear, "exact": exact, "unit": units.length,
+        "relative": float(one.apart[0, 0]) / linear if linear > 0.0 else None,
+        "linear_rotation": turned, "exact_rotation": exact_turn, "rotation_unit": units.angle}
 
 
 def _units(found: Sensitivity, grid: Grid | None) -> dict[str, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from ppmcal.calibration.sessions import REPEATS, STATED, DayNoise, UnlikeRow
 from ppmcal.calibration.validation import ModelError, Validated
@@ -14,7 +14,7 @@ from ppmcal.io.results.parts import ErrorSize
 from ppmcal.io.results.record import Finite, Part, Record, Text, Whole
 from ppmcal.model.measured import MISSED
 from ppmcal.store.provenance import Provenance
-from ppmcal.units import Length, OfUnit, Units
+from ppmcal.units import Key, Length, OfUnit, Units
 from ppmcal.wording import abbreviate_list, number
 
 OPENED = {"frame": "the frame", "target": "the target", "rotation": "the body's rotation",
@@ -79,32 +79,13 @@ class PredictedError(Part):
             unit="length" if found.position or found.closure else "angle", **alone)
 
 
-class NoiseUsed(Part):
-    """The noise of one typical value that a data set is judged by; ``stated``: by its file.
-
-    ``factor``: over the stated one, bare; ``source``: stated, residuals or repeats.
-    """
-
-    value: Finite | None = None
-    stated: Finite | None = None
-    unit: Text = ""
-    factor: Finite | None = None
-    source: Text = ""
-
-    @classmethod
-    def of(cls, found: DayNoise, units: Units) -> NoiseUsed:
-        """Return a noise in file units."""
-        value = found.sigma / units.factor(found.quantity)
-        return cls(value=value, stated=value / found.factor, unit=units.name(found.quantity),
-                   factor=found.factor, source=found.source)
-
-
 class ValidatedDataset(Part):
     """One data set; ``fitted``: what of the registration, ``demanded`` by the data alone.
 
     ``elsewhere``: so many rows were measured in another assembly mode than home's; ``unlike``:
     rows that a fit of these alone leaves out, which count here; ``left_out``: rows typed wrong,
-    which count nowhere.
+    which count nowhere. ``noise``: of one typical value, that it is ``judged_by``: stated,
+    residuals or repeats; ``stated``: by its file; ``factor``: over that, bare.
     """
 
     name: Text = ""
@@ -113,7 +94,11 @@ class ValidatedDataset(Part):
     of_rows: Whole = 0
     fitted: tuple[Text, ...] = ()
     demanded: tuple[Text, ...] = ()
-    noise: NoiseUsed | None = None
+    noise: Annotated[Finite | None, Key("noise.value")] = None
+    stated: Annotated[Finite | None, Key("noise.stated")] = None
+    unit: Annotated[Text, Key("noise.unit")] = ""
+    factor: Annotated[Finite | None, Key("noise.factor", whole=True)] = None
+    judged_by: Annotated[Text, Key("noise.source")] = ""
     errors: tuple[PredictedError, ...] = ()
     elsewhere: Whole = 0
     unlike: tuple[UnlikeRow, ...] = ()
@@ -128,9 +113,13 @@ class ValidatedDataset(Part):
     def of(cls, found: Validated, units: Units, noise: DayNoise | None = None
            ) -> ValidatedDataset:
         """Return a data set in file units."""
+        used: dict[str, Any] = {"factor": None}
+        if noise is not None:
+            size = noise.sigma / units.factor(noise.quantity)
+            used = {"noise": size, "stated": size / noise.factor, "factor": noise.factor,
+                    "unit": units.name(noise.quantity), "judged_by": noise.source}
         return cls(name=found.name, source=found.source, rows=found.rows[0], of_rows=found.rows[1],
-                   fitted=found.fitted, demanded=found.demanded,
-                   noise=None if noise is None else NoiseUsed.of(noise, units),
+                   fitted=found.fitted, demanded=found.demanded, **used,
                    errors=tuple(PredictedError.of(e, units, n == 0)
                                 for n, e in enumerate(found.errors)),
                    unlike=tuple(r for r in (noise.unlike if noise else ())
@@ -219,15 +208,14 @@ def registered_sentence(data: ValidatedDataset) -> str:
 
 def noise_sentence(data: ValidatedDataset) -> str:
     """Return the noise that a data set is judged by with its source, empty where none is given."""
-    used = data.noise
-    if used is None or used.factor is None:
+    if data.factor is None:
         return ""
-    size = f"{number(used.factor, 3)} times what its sidecar states" if used.value is None else (
-        f"{number(used.value, 3)} {used.unit}")
-    stated = "" if used.stated is None else f" (its sidecar: {number(used.stated)} {used.unit})"
-    if used.source == STATED:
-        return f"Noise {size}, as its sidecar states." if used.value is not None else ""
-    how = "as repeats scatter" if used.source == REPEATS else (
+    size = f"{number(data.factor, 3)} times what its sidecar states" if data.noise is None else (
+        f"{number(data.noise, 3)} {data.unit}")
+    stated = "" if data.stated is None else f" (its sidecar: {number(data.stated)} {data.unit})"
+    if data.judged_by == STATED:
+        return f"Noise {size}, as its sidecar states." if data.noise is not None else ""
+    how = "as repeats scatter" if data.judged_by == REPEATS else (
         "estimated from what a fit of that day alone leaves")
     return f"Noise {size}, {how}{stated}."
 
@@ -244,7 +232,7 @@ def model_sentence(data: ValidatedDataset) -> str:
         return (f"{data.name}: {data.elsewhere} of {data.rows} rows were measured in another "
                 "assembly mode than home's, the other way the limbs close at the same joint "
                 f"values: {' and '.join(sizes)} is how far apart these are, no error of the model.")
-    times = "" if first.noise is None or data.noise is None else (
+    times = "" if first.noise is None or data.factor is None else (
         f", {number(first.noise, 2)} times the noise")
     if first.closure:
         limbs = ", ".join(f"{name} {number(size)}" for name, size in first.limbs.items()
