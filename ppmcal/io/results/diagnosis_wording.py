@@ -143,7 +143,7 @@ def onset(effect: DiagnosedEffect) -> str:
         return ""
     row = effect.row
     sure = f" (95 %: {row.low} to {row.high})" if row.low < row.high else ""
-    return f"from row {row.value}{f' of {row.dataset}' if row.dataset else ''} on{sure}"
+    return f"from row {row.row}{f' of {row.dataset}' if row.dataset else ''} on{sure}"
 
 
 def side(group: Group) -> list[str]:
