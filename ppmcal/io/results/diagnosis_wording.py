@@ -316,9 +316,9 @@ def _equation(entry: LearnedEntry) -> str:
     """Return the short equation that does as well, empty where there is none."""
     if entry.equation is None:
         return ""
-    sizes = ", ".join(f"{number(t.size, 3)} +- {number(t.sigma, 2)} {entry.equation.unit}"
-                      for t in entry.equation.terms)
-    return f" As an equation that does as well: {entry.equation.text} (sizes {sizes})."
+    sizes = ", ".join(f"{number(t.size, 3)} +- {number(t.sigma, 2)} {entry.equation_unit}"
+                      for t in entry.terms)
+    return f" As an equation that does as well: {entry.equation} (sizes {sizes})."
 
 
 def learned_name(record: DiagnosisRecord, entry: LearnedEntry) -> str:
