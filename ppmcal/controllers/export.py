@@ -17,7 +17,6 @@ from ppmcal.io.results.export import (
     CommandErrors,
     ExportRecord,
     NotExpressedEntry,
-    PredictedErrors,
 )
 from ppmcal.io.results.knowledge import knowledge_of, read_identification
 from ppmcal.io.results.own_calibration import of_other_values
@@ -244,9 +243,8 @@ def record_of(exported: Exported, name: str, provenance: Mapping[str, Any]) -> E
         number_units={n.name: n.unit for n in exported.numbers},
         title=exported.title, summary=exported.summary, over=exported.over,
         lines=_few_lines(exported),
-        predicted=PredictedErrors(
-            format=exported.after.rms_entry(), model=exported.uncertainty.entry(),
-            before=before, after=after),
+        lost=exported.after.rms_entry(), model=exported.uncertainty.entry(),
+        expected_before=before, expected_after=after,
         exact=not exported.not_expressed, read_back=True,
         before=exported.before.entry(), after=exported.after.entry(),
         not_expressed=tuple(

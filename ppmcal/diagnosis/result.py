@@ -24,7 +24,7 @@ from ppmcal.inference.priors import SURE_SIGMAS
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import Note
-from ppmcal.units import Quantity
+from ppmcal.units import Key, Quantity
 
 OfUnit = Annotated[float, Quantity(of="unit")]
 VERDICTS = ("none", "weak", "named", "named-set", "partial", "unnamed")
@@ -38,11 +38,15 @@ LEARNED_AFTER = ("unnamed", "partial")
 
 @dataclass(frozen=True)
 class Onset:
-    """The row of the campaign where an event starts, with its 95 % interval."""
+    """The row of the campaign where an event starts, with its 95 % interval.
 
-    row: int
+    ``dataset``: within which file it is counted, once it is said.
+    """
+
+    row: Annotated[int, Key("value")]
     low: int
     high: int
+    dataset: str = ""
 
 
 @dataclass(frozen=True, eq=False)

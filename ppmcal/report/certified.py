@@ -47,7 +47,7 @@ def certificate_section(one: Held[CertificateRecord]) -> Section:
 
 def findings(one: Held[CertificateRecord], _: ReportData) -> Iterator[tuple[str, str]]:
     """Yield what the certificate itself warns of, and a limit that is not kept."""
-    if one.record.decision.result == "fail":
+    if one.record.result == "fail":
         yield one.folder, f"certificate {one.record.number}: the agreed limit is not kept"
     for text in one.record.findings:
         yield one.folder, text

@@ -92,7 +92,7 @@ def _gain(r: ExportRecord) -> Section | None:
                 rows.append([text_cell(f"{kind}, {name}, model exact"),
                              text_cell(part.unit),
                              *(number_cell(v, error_size(v, part.unit) or "–") for v in values)])
-    for label, whole in (("old", r.predicted.before), ("new", r.predicted.after)):
+    for label, whole in (("old", r.expected_before), ("new", r.expected_after)):
         for kind, size in (("position", whole), ("rotation", whole.rotation)):
             if size is not None and number(size.rms) is not None:
                 rows.append([text_cell(f"{kind}, {label}, expected"), text_cell(size.unit),
@@ -104,7 +104,7 @@ def _gain(r: ExportRecord) -> Section | None:
     note = (f"The machine driven through the controller's arithmetic{over}, if the model is "
             "exact; expected: with the model's own uncertainty.")
     return Section("Error predicted with the old and with the new numbers",
-                   paragraph(note, "note") + paragraph(r.predicted.sentence())
+                   paragraph(note, "note") + paragraph(r.predicted_sentence())
             + table("", ["error", "unit", "rms", "max"], rows)
             + figures(drawings(r)))
 

@@ -19,11 +19,12 @@ from scipy import stats
 
 import ppmcal as face
 from ppmcal.calibration.fit import Noise
+from ppmcal.calibration.validation import Budget, Contribution
 from ppmcal.commands.certify import evidence
 from ppmcal.commands.certify.about import read_about
 from ppmcal.commands.certify.evidence import refuse_uncertifiable, refuse_unknown_cause
 from ppmcal.commands.certify.figures import bidirectional, one_sided, pose_figures
-from ppmcal.commands.certify.judge import Budget, Contribution, decided
+from ppmcal.commands.certify.judge import decided
 from ppmcal.commands.certify.pdf import wrapped
 from ppmcal.errors import BadInput
 from ppmcal.io.results.identification import IdentificationRecord
@@ -191,11 +192,11 @@ def test_rules_of_decision(rule: str, figure: float, result: str, accepted: floa
 def test_degrees_are_those_of_the_gum_s_end_gauge() -> None:
     """JCGM 100:2008, H.1.6: 16.7 degrees of freedom, taken down to 16."""
     parts = ((25.0, 18.0), (9.7, 25.6), (2.9, 50.0), (16.6, 2.0))
-    one = Budget(tuple(Contribution("", "A", "normal", u, n) for u, n in parts), "t")
+    one = Budget("", tuple(Contribution("", "A", "normal", u, n) for u, n in parts))
     assert one.degrees == pytest.approx(16.7, abs=0.1)
     assert one.factor == pytest.approx(stats.t.ppf(0.975, 16))
-    assert Budget(one.lines, "2").expanded == pytest.approx(2.0 * one.combined)
-    known = Budget((Contribution("", "B", "normal", 1.0, np.inf),), "t")
+    assert Budget("", one.lines, True).expanded == pytest.approx(2.0 * one.combined)
+    known = Budget("", (Contribution("", "B", "normal", 1.0, np.inf),))
     assert known.degrees == np.inf and known.factor == pytest.approx(1.96, abs=1e-3)
 
 

@@ -15,7 +15,7 @@ from helpers.learned import WEATHER, campaign, diagnosed, dip, squared, warped
 from ppmcal.diagnosis.equation_forms import Equation, InputForm, products_of, same_form, values_of
 from ppmcal.diagnosis.equations import likeliest
 from ppmcal.diagnosis.result import LearnedTerms
-from ppmcal.io.results.learned_equation import LearnedEquation
+from ppmcal.io.results.learned_equation import equation_fields
 from ppmcal.model.effects.learned import LearnedCurve, learned_kind
 from ppmcal.model.effects.setting import Setting
 from ppmcal.model.motions import SPATIAL
@@ -119,10 +119,10 @@ def test_it_is_printed_with_units_and_says_what_it_is(products: Any, sizes: Any,
     found = Equation("travel", np.array([0.1, 0.5]), np.array(sizes), np.zeros((len(sizes),) * 2),
                      by="temperature", by_nodes=np.array([-10.0, 10.0]), products=products,
                      probability=1.0)
-    told = LearnedEquation.of(found, "leg2", MM)
-    assert told.text == text
+    told = equation_fields(found, "leg2", MM)
+    assert told["equation"] == text
     x, warm = np.array([0.12, 0.34, 0.47]), np.array([-7.0, 3.0, 9.0])
-    np.testing.assert_allclose(evaluated(told.text, travel=1e3 * x, temperature=warm + 20.0),
+    np.testing.assert_allclose(evaluated(told["equation"], travel=1e3 * x, temperature=warm + 20.0),
                                1e3 * found.at(x, warm), rtol=1e-9)
 
 
@@ -163,7 +163,7 @@ def test_the_square_of_speed_comes_back(tmp_path: Path) -> None:
     (equation,), (curve,) = found.equations, found.learned.curves
     assert equation is not None
     assert equation.products == ((InputForm("velocity", degree=2),),)
-    told = LearnedEquation.of(equation, "all", MM).text
+    told = equation_fields(equation, "all", MM)["equation"]
     x = np.linspace(-0.02, 0.02, 30)
     own = evaluated(told, velocity=1e3 * x)
     # zeros of the joints absorb a constant

@@ -14,7 +14,8 @@ from helpers.commands import number, ppmcal, rows, write_csv
 from helpers.diagnoses import effect, simulate
 
 from ppmcal.commands.inputs import load, shipped
-from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, EventRow
+from ppmcal.diagnosis.result import Onset
+from ppmcal.io.results.diagnosis_parts import DiagnosedEffect
 from ppmcal.io.results.diagnosis_wording import onset
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import effect_terms, final_shift, setting
@@ -84,9 +85,9 @@ def test_rows_count_in_their_own_file(tmp_path: Path) -> None:
 
 
 def test_the_row_of_an_event_is_told() -> None:
-    wide = DiagnosedEffect(kind="zero_shift", row=EventRow(value=76, low=60, high=77, dataset="b"))
+    wide = DiagnosedEffect(kind="zero_shift", row=Onset(76, 60, 77, "b"))
     assert onset(wide) == "from row 76 of b on (95 %: 60 to 77)"
-    sure = wide.changed(row=EventRow(value=7, low=7, high=7, dataset="b"))
+    sure = wide.changed(row=Onset(7, 7, 7, "b"))
     assert onset(sure) == "from row 7 of b on"
     assert onset(DiagnosedEffect(kind="gain")) == ""
 

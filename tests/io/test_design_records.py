@@ -184,7 +184,7 @@ def test_console_and_report_say_the_same_of_an_export(tmp_path: Path) -> None:
     record = record_of(worse, m.name, source(m, None))
     assert record.all_findings() == [
         "the new Klipper numbers are worse than the old ones over this workspace"]
-    sentence = record.predicted.sentence()
+    sentence = record.predicted_sentence()
     assert sentence.startswith("What the format cannot express: 1 mm rms")
     assert sentence.replace("'", "&#39;") in placed([export_section(
         Held("o", record))])[0].html

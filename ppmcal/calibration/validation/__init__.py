@@ -7,6 +7,10 @@ from typing import TYPE_CHECKING
 from ppmcal.lazy import on_first_use
 
 if TYPE_CHECKING:
+    from ppmcal.calibration.validation.accuracy import Budget as Budget
+    from ppmcal.calibration.validation.accuracy import Contribution as Contribution
+    from ppmcal.calibration.validation.accuracy import Figure as Figure
+    from ppmcal.calibration.validation.accuracy import PlacedError as PlacedError
     from ppmcal.calibration.validation.frozen_models import FEWEST as FEWEST
     from ppmcal.calibration.validation.frozen_models import FrozenModel as FrozenModel
     from ppmcal.calibration.validation.frozen_models import ModelError as ModelError

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from xml.etree import ElementTree as ET
 
+from ppmcal.calibration.validation import Contribution, Figure
 from ppmcal.errors import printable
 from ppmcal.io.results.certificate import (
     CertificateRecord,
-    CertifiedContribution,
-    CertifiedFigure,
-    CertifiedInstrument,
     CertifiedParty,
 )
 
@@ -39,7 +38,7 @@ def certificate_xml(record: CertificateRecord) -> str:
     _rich(results, "description", *filter(None, (record.basis, record.gauge)))
     _methods(results, record)
     if record.instrument is not None:
-        _instrument(_sub(results, "measuringEquipments"), record.instrument, record)
+        _instrument(_sub(results, "measuringEquipments"), record)
     _conditions(results, record)
     found = _sub(results, "results")
     for figure in record.figures:
@@ -100,10 +99,10 @@ def _administrative(root: ET.Element, record: CertificateRecord) -> None:
     items = _sub(part, "items")
     item = _sub(items, "item")
     _text(item, "name", record.name)
-    _text(_sub(item, "manufacturer"), "name", record.machine.maker)
-    if record.machine.model:
-        _sub(item, "model", record.machine.model)
-    _identified(item, "manufacturer", record.machine.serial, "serial number")
+    _text(_sub(item, "manufacturer"), "name", record.maker)
+    if record.model:
+        _sub(item, "model", record.model)
+    _identified(item, "manufacturer", record.serial, "serial number")
     laboratory = _sub(part, "calibrationLaboratory")
     if record.laboratory.accreditation:
         _sub(laboratory, "calibrationLaboratoryCode", record.laboratory.accreditation)
@@ -135,15 +134,16 @@ def _methods(results: ET.Element, record: CertificateRecord) -> None:
     _sub(one, "norm", "JCGM 100:2008")
 
 
-def _instrument(parent: ET.Element, i: CertifiedInstrument, record: CertificateRecord) -> None:
+def _instrument(parent: ET.Element, record: CertificateRecord) -> None:
     one = _sub(parent, "measuringEquipment")
-    _text(one, "name", i.make)
-    _rich(one, "description", f"Calibration certificate {i.certificate} of {i.calibrated}")
-    _identified(one, "manufacturer", i.serial, "serial number")
-    if i.uncertainty is not None and i.coverage_factor:
+    _text(one, "name", record.instrument or "")
+    _rich(one, "description",
+          f"Calibration certificate {record.instrument_certificate} of {record.calibrated}")
+    _identified(one, "manufacturer", record.instrument_serial, "serial number")
+    if record.uncertainty is not None and record.coverage_factor:
         quantity = _sub(_sub(one, "measuringEquipmentQuantities"), "measuringEquipmentQuantity")
         _text(quantity, "name", "expanded uncertainty of a length")
-        _real(quantity, i.uncertainty, record.units.name("length"))
+        _real(quantity, record.uncertainty, record.units.name("length"))
 
 
 def _conditions(results: ET.Element, record: CertificateRecord) -> None:
@@ -186,7 +186,7 @@ def _quantity(data: ET.Element, name: str, value: float, unit: str, *described: 
     _real(quantity, value, unit)
 
 
-def _figure(found: ET.Element, f: CertifiedFigure, record: CertificateRecord) -> None:
+def _figure(found: ET.Element, f: Figure, record: CertificateRecord) -> None:
     result = _sub(found, "result")
     _text(result, "name", f.label)
     told = (f"{f.norm}, {f.where}, {f.repeats} repeats of {f.asked} asked" if f.norm else f.where)
@@ -203,17 +203,17 @@ def _budget(found: ET.Element, record: CertificateRecord) -> None:
     _text(result, "name", f"uncertainty budget of {b.of}")
     data = _sub(result, "data")
     for line in b.lines:
-        _quantity(data, f"standard uncertainty: {line.source}", line.standard or 0.0, unit,
+        _quantity(data, f"standard uncertainty: {line.source}", line.standard, unit,
                   *_told(line))
-    _quantity(data, "combined standard uncertainty", b.combined or 0.0, unit)
-    _quantity(data, "expanded uncertainty", b.expanded or 0.0, unit)
-    _quantity(data, "coverage factor", b.factor or 0.0, "")
-    if b.degrees is not None:
+    _quantity(data, "combined standard uncertainty", b.combined, unit)
+    _quantity(data, "expanded uncertainty", b.expanded, unit)
+    _quantity(data, "coverage factor", b.factor, "")
+    if math.isfinite(b.degrees):
         _quantity(data, "effective degrees of freedom", b.degrees, "")
 
 
-def _told(line: CertifiedContribution) -> Iterator[str]:
-    degrees = "infinite" if line.degrees is None else f"{line.degrees:.6g}"
+def _told(line: Contribution) -> Iterator[str]:
+    degrees = "infinite" if not math.isfinite(line.degrees) else f"{line.degrees:.6g}"
     yield (f"type {line.kind}, {line.distribution}, degrees of freedom {degrees}, sensitivity "
            f"{line.sensitivity:g}; {line.note}")
 
@@ -231,16 +231,16 @@ def _validity(found: ET.Element, record: CertificateRecord) -> None:
 
 
 def _decision(results: ET.Element, record: CertificateRecord) -> None:
-    d, unit = record.decision, record.units.name("length")
-    if not d.result:
+    unit = record.units.name("length")
+    if not record.result:
         return
     one = _sub(_sub(results, "measurementMetaData"), "metaData")
     _text(one, "name", "statement of conformity")
     _sub(one, "norm", "ILAC-G8:09/2019")
     _sub(one, "norm", "JCGM 106:2012")
-    _rich(one, "declaration", f"{d.rule}: {d.of} against the limit, accepted up to "
-          f"{d.accepted!r} {unit}")
-    _sub(one, "conformity", d.result)
+    _rich(one, "declaration", f"{record.rule}: {record.decided} against the limit, accepted "
+          f"up to {record.accepted!r} {unit}")
+    _sub(one, "conformity", record.result)
     data = _sub(one, "data")
-    _quantity(data, "limit", d.limit or 0.0, unit)
-    _quantity(data, "acceptance limit", d.accepted or 0.0, unit)
+    _quantity(data, "limit", record.limit or 0.0, unit)
+    _quantity(data, "acceptance limit", record.accepted or 0.0, unit)

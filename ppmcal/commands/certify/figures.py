@@ -12,30 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ppmcal.calibration.validation import Figure
 from ppmcal.linalg import Array, Bools, Ints
 
 TARGETS = 5
 """Positions along an axis that ISO 230-2 asks for, and poses that ISO 9283 does."""
-
-
-@dataclass(frozen=True)
-class Figure:
-    """One figure; ``value`` None where the rows do not allow it: ``why``.
-
-    ``quantity``: length or angle, or an actuator's; ``expanded``: whether the budget's expanded
-    uncertainty is its own; ``repeats``: fewest that stand behind it; ``of``: joint or coordinate.
-    """
-
-    symbol: str
-    name: str
-    value: float | None
-    quantity: str = "length"
-    norm: str = ""
-    repeats: int = 0
-    asked: int = 0
-    where: str = ""
-    why: str = ""
-    expanded: bool = False
 
 
 def error_figures(position: Array, rotation: Array) -> Iterator[Figure]:
@@ -48,8 +29,7 @@ def error_figures(position: Array, rotation: Array) -> Iterator[Figure]:
         for name, value in (("rms error", np.sqrt(np.mean(known**2))),
                             ("95 % point", np.quantile(known, 0.95)),
                             ("largest error", known.max())):
-            yield Figure("", f"{name} of {kind}", float(value), quantity,
-                         expanded=quantity == "length")
+            yield Figure("", f"{name} of {kind}", float(value), unit=quantity)
 
 
 def grouped(labels: Ints) -> list[Ints]:
@@ -106,7 +86,7 @@ def pose_figures(errors: Array, names: Sequence[str], places: int, sets: Sequenc
     fewest = min(len(s) for s in good)
     where = f"worst of {len(good)} of {len(sets)} poses"
     return [Figure(s, _POSE[s[:2]], max(v), "length" if s in ("AP_p", "RP_l") else "angle",
-                   "ISO 9283", fewest, asked, where, expanded=s == "AP_p")
+                   "ISO 9283", fewest, asked, where)
             for s, v in found.items()]
 
 

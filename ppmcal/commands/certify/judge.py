@@ -8,18 +8,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from scipy.special import stdtrit
 
 from ppmcal import algebra as cga
 from ppmcal.calibration.fit import typical_noise
+from ppmcal.calibration.validation import Budget, Contribution, Figure, PlacedError
 from ppmcal.commands.certify.about import GUARDED, K2, NONE, AboutFile
 from ppmcal.commands.certify.evidence import Evidence, JudgedRows, by_parameters, joint_deviations
 from ppmcal.commands.certify.figures import (
     AxisRows,
-    Figure,
     axis_figures,
     error_figures,
     grouped,
@@ -33,62 +32,8 @@ from ppmcal.io.results.units import JOINT
 from ppmcal.linalg import Array
 from ppmcal.model.repeats import repeats
 
-COVERED = 0.95
 TYPE_A, TYPE_B = "A", "B"
 PASS, FAIL = "pass", "fail"
-
-
-@dataclass(frozen=True)
-class Contribution:
-    """One line of the budget; ``degrees`` inf where it is taken as known.
-
-    ``sensitivity``: of the measurand to it, bare; ``note``: where the number is from.
-    """
-
-    source: str
-    kind: str
-    distribution: str
-    standard: float
-    degrees: float
-    sensitivity: float = 1.0
-    note: str = ""
-
-    @property
-    def part(self) -> float:
-        """Its contribution to the measurand, m."""
-        return abs(self.sensitivity) * self.standard
-
-
-@dataclass(frozen=True)
-class Budget:
-    """All contributions; ``coverage`` as the file about the certificate says it."""
-
-    lines: tuple[Contribution, ...]
-    coverage: str
-
-    @property
-    def combined(self) -> float:
-        """The combined standard uncertainty, m."""
-        return math.sqrt(sum(c.part**2 for c in self.lines))
-
-    @property
-    def degrees(self) -> float:
-        """Effective degrees of freedom by Welch and Satterthwaite; inf where all are known."""
-        below = sum(c.part**4 / c.degrees for c in self.lines if math.isfinite(c.degrees))
-        return self.combined**4 / below if below > 0.0 else math.inf
-
-    @property
-    def factor(self) -> float:
-        """The coverage factor: 2, or Student's t of whole degrees for 95 %."""
-        if self.coverage == K2:
-            return 2.0
-        degrees = max(math.floor(self.degrees), 1) if math.isfinite(self.degrees) else 1e9
-        return float(stdtrit(degrees, 0.5 * (1.0 + COVERED)))
-
-    @property
-    def expanded(self) -> float:
-        """The expanded uncertainty, m."""
-        return self.factor * self.combined
 
 
 def decided(rule: str, value: float, limit: float | None, expanded: float
@@ -157,7 +102,7 @@ def _held_out(found: Mapping[str, ErrorSize], length: float, angle: float
                             ("largest error", one.max)):
             if value is not None:
                 yield Figure("", f"{name} of {kind}", value * factor, quantity,
-                             where="held-out poses", expanded=quantity == "length")
+                             where="held-out poses")
 
 
 def _standards(rows: JudgedRows, about: AboutFile, seen: bool) -> Iterator[Figure]:
@@ -166,7 +111,7 @@ def _standards(rows: JudgedRows, about: AboutFile, seen: bool) -> Iterator[Figur
     found = pose_figures(rows.errors, rows.names, rows.places, sets, about.repeats.iso_9283)
     for one in found:
         fitted = seen and one.symbol.startswith("AP") and one.value is not None
-        yield replace(one, value=None, why=SEEN, expanded=False) if fitted else one
+        yield replace(one, value=None, why=SEEN) if fitted else one
     mechanism = rows.fit.problem.mechanism
     deviations, directions = joint_deviations(rows), rows.directions
     for i, name in enumerate(mechanism.actuators):
@@ -177,8 +122,8 @@ def _standards(rows: JudgedRows, about: AboutFile, seen: bool) -> Iterator[Figur
 # ---- uncertainty
 
 
-def budget(evidence: Evidence, about: AboutFile) -> Budget:
-    """Return the budget of a position's error along any one direction."""
+def budget(evidence: Evidence, about: AboutFile, of: str) -> Budget:
+    """Return the budget ``of`` a position's error along any one direction, or of a closure's."""
     lines = [_repeatability(evidence)]
     blind = all(r.data.kind.blind for r in evidence.rows)
     if not blind:
@@ -189,7 +134,7 @@ def budget(evidence: Evidence, about: AboutFile) -> Budget:
             "instrument", TYPE_B, NORMAL, about.instrument.uncertainty * about.length / factor,
             KNOWN, note=f"certificate {about.instrument.certificate}, k = {factor:g}"))
     lines.append(_remainder(evidence, sum(c.part**2 for c in lines if c.source != "instrument")))
-    return Budget(tuple(lines), about.coverage)
+    return Budget(of, tuple(lines), about.coverage == K2)
 
 
 def _repeatability(evidence: Evidence) -> Contribution:
@@ -274,16 +219,17 @@ def _root_mean(variance: Sequence[Array]) -> float:
     return float(np.sqrt(np.nanmean(np.concatenate(variance))))
 
 
-def places(evidence: Evidence) -> list[tuple[Array, float]]:
-    """Return the platform's place in the base frame (3,) and the error there, row by row."""
+def places(evidence: Evidence) -> list[PlacedError]:
+    """Return the platform's place and the error there, row by row."""
     out = []
     for rows in evidence.rows:
         # a distance between two platform positions has two poses: the first is shown
         where = cga.translation(rows.fit.state.poses[0][rows.keep]).reshape(len(rows.errors), -1)
         size = (np.sqrt(np.nanmean(rows.errors**2, axis=1)) if rows.data.kind.blind
                 else rows.found.position[0][rows.keep])
-        out += [(p[:3], float(e)) for p, e in zip(where, size, strict=True) if np.isfinite(e)]
+        out += [PlacedError(tuple(p[:3].tolist()), float(e))
+                for p, e in zip(where, size, strict=True) if np.isfinite(e)]
     if len(out) > MAPPED:
         some = np.linspace(0, len(out) - 1, MAPPED).astype(int).tolist()
-        out = [out[i] for i in sorted({*some, max(range(len(out)), key=lambda i: out[i][1])})]
+        out = [out[i] for i in sorted({*some, max(range(len(out)), key=lambda i: out[i].error)})]
     return out

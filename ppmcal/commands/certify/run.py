@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
+from ppmcal.calibration.validation import Budget, Figure
+from ppmcal.codec import in_units
 from ppmcal.commands.certify.about import LARGEST, NONE, AboutFile, read_about
 from ppmcal.commands.certify.dcc import certificate_xml
 from ppmcal.commands.certify.evidence import Evidence, gathered, refuse_unknown_cause
-from ppmcal.commands.certify.figures import Figure
-from ppmcal.commands.certify.judge import COVERED, FAIL, Budget, budget, decided, figures, places
+from ppmcal.commands.certify.judge import FAIL, budget, decided, figures, places
 from ppmcal.commands.certify.options import CertifyArguments
 from ppmcal.commands.certify.page import html_page
 from ppmcal.commands.certify.pdf import pdf_pages
@@ -23,14 +25,7 @@ from ppmcal.commands.result import Result
 from ppmcal.errors import BadInput
 from ppmcal.io.results.certificate import (
     CertificateRecord,
-    CertifiedBudget,
-    CertifiedContribution,
-    CertifiedDecision,
-    CertifiedFigure,
-    CertifiedInstrument,
-    CertifiedMachine,
     CertifiedParty,
-    CertifiedRow,
 )
 from ppmcal.io.results.parts import Range
 from ppmcal.io.results.units import JOINT, MachineUnits
@@ -89,9 +84,9 @@ class CertificateResult(Result):
 
     def headline(self) -> str:
         """Return number, machine and the decision."""
-        told = self.record.decision.result
-        return (f"Certificate {self.record.number} of {self.record.machine.maker} "
-                f"{self.record.machine.serial}" + (f": {told}" if told else ""))
+        told = self.record.result
+        return (f"Certificate {self.record.number} of {self.record.maker} "
+                f"{self.record.serial}" + (f": {told}" if told else ""))
 
     def told(self) -> Iterator[Told]:
         """Yield what errors are of, the figures, the budget and the decision."""
@@ -106,7 +101,7 @@ class CertificateResult(Result):
         yield from dict.fromkeys(f"Not given by {f.norm}: {f.why}." for f in record.figures
                                  if f.value is None)
         yield budget_sentence(record)
-        if record.decision.result:
+        if record.result:
             yield decision_sentence(record)
 
 
@@ -120,7 +115,8 @@ def run(asked: CertifyArguments) -> CertificateResult:
         verdict = str(json.loads(diagnosed.read_bytes()).get("verdict", ""))
         refuse_unknown_cause(verdict, str(diagnosed))
     _refuse_instrument(about, evidence, str(asked.about))
-    found, uncertain = figures(evidence, about), budget(evidence, about)
+    found = figures(evidence, about)
+    uncertain = budget(evidence, about, _measurand(evidence))
     source = source_of("certify", [str(asked.about), *evidence.inputs], None)
     for path, digest in evidence.inputs.items():
         if digest and source["inputs"][path] != digest:
@@ -157,41 +153,39 @@ def recorded(about: AboutFile, evidence: Evidence, found: list[Figure], uncertai
     mechanism = evidence.mechanism
     units = MachineUnits.of(mechanism)
     expanded = uncertain.expanded
-    shown = tuple(CertifiedFigure.filled(f, units, unit=f.quantity,
-                                         expanded=expanded if f.expanded and f.value is not None
-                                         else None) for f in found)
-    decision = _decision(about, found, expanded, units)
-    failed = (Note(f"{decision.of}: {number(decision.value)} {units.name('length')} is more than "
-                   f"the {number(decision.accepted)} {units.name('length')} that the rule "
-                   f"'{decision.rule}' accepts"),) if decision.result == FAIL else ()
+    shown = tuple(replace(one, expanded=expanded) if one.of_position else one for one in found)
+    decision = _decision(about, found, expanded)
+    unit, f = units.name("length"), units.factor("length")
+    failed = (Note(f"{decision['decided']}: {number(decision['decided_value'] / f)} {unit} is more "
+                   f"than the {number(decision['accepted'] / f)} {unit} that the rule "
+                   f"'{decision['rule']}' accepts"),) if decision.get("result") == FAIL else ()
     told = (*(Note(str(f), NOTE) for f in mechanism.findings),
             *(f for r in evidence.rows for f in r.data.findings), *_left_out(evidence))
     blind = all(r.data.kind.blind for r in evidence.rows)
     return CertificateRecord.filled(
-        None, units, format=CertificateRecord.FORMAT, name=mechanism.name, **_people(about, units),
-        machine=CertifiedMachine(maker=about.machine.maker, model=about.machine.model or "",
-                                 serial=about.machine.serial, name=mechanism.name),
+        None, units, format=CertificateRecord.FORMAT, name=mechanism.name, **_people(about),
+        maker=about.machine.maker, model=about.machine.model or "",
+        serial=about.machine.serial, of_file=mechanism.name,
         basis=_basis(evidence), gauge=GAUGE if blind else "", held_out=evidence.seen,
-        figures=shown, budget=_budget(uncertain, units, _measurand(evidence)), decision=decision,
+        figures=in_units(shown, units), budget=uncertain, **decision,
         validity=_validity(mechanism, units),
-        rows=tuple(CertifiedRow.filled(None, units, place=tuple(p.tolist()), error=e)
-                   for p, e in places(evidence)),
+        rows=in_units(tuple(places(evidence)), units),
         findings=(*failed, *told), units=mechanism.units,
         digests={n: w.digest for n, w in sorted(read_record(folder).files.items())},
         provenance=Provenance(**source))
 
 
-def _people(about: AboutFile, units: MachineUnits) -> dict[str, Any]:
+def _people(about: AboutFile) -> dict[str, Any]:
     """Return who certifies what for whom, and by what."""
     i = about.instrument
-    instrument = None if i is None else CertifiedInstrument.filled(
-        None, units, make=i.make, serial=i.serial, certificate=i.certificate,
-        calibrated=i.calibrated, uncertainty=i.uncertainty * about.length,
-        coverage_factor=i.coverage_factor)
+    by: dict[str, Any] = {"instrument": None} if i is None else {
+        "instrument": i.make, "instrument_serial": i.serial,
+        "instrument_certificate": i.certificate, "calibrated": i.calibrated,
+        "uncertainty": i.uncertainty * about.length, "coverage_factor": i.coverage_factor}
     parties = {k: CertifiedParty(name=p.name, city=p.city or "", country=p.country,
                                  accreditation=p.accreditation or "")
                for k, p in (("customer", about.customer), ("laboratory", about.laboratory))}
-    return {"number": about.number, **parties, "instrument": instrument, "date": about.date,
+    return {"number": about.number, **parties, **by, "date": about.date,
             "issued": about.issued or about.date, "operator": about.operator,
             "temperature": tuple(about.temperature), "conditions": dict(about.conditions)}
 
@@ -212,31 +206,23 @@ def _measurand(evidence: Evidence) -> str:
     return LENGTH if all(k.blind or k.scalar for k in kinds) else POSITION
 
 
-def _budget(found: Budget, units: MachineUnits, of: str) -> CertifiedBudget:
-    lines = tuple(CertifiedContribution.filled(
-        c, units, degrees=c.degrees if np.isfinite(c.degrees) else None) for c in found.lines)
-    degrees = found.degrees if np.isfinite(found.degrees) else None
-    return CertifiedBudget.filled(
-        None, units, of=of, lines=lines, combined=found.combined,
-        degrees=degrees, factor=found.factor, coverage=COVERED, expanded=found.expanded)
+def _decision(about: AboutFile, found: list[Figure], expanded: float) -> dict[str, Any]:
+    """Return what the rule says of the figure of position (of closure where there is no other).
 
-
-def _decision(about: AboutFile, found: list[Figure], expanded: float, units: MachineUnits
-              ) -> CertifiedDecision:
-    """Return what the rule says of the figure of position (of closure where there is no other)."""
+    As fields of the record, SI.
+    """
     rule, limit = about.decision.rule, about.decision.limit
     if rule == NONE or limit is None:
-        return CertifiedDecision(rule=NONE)
+        return {"rule": NONE}
     which = about.decision.of or LARGEST
     one = next((f for f in found if f.name.startswith(f"{which} of ")
-                and f.quantity == "length" and f.value is not None), None)
+                and f.unit == "length" and f.value is not None), None)
     if one is None or one.value is None:
         raise BadInput(f"there is no {which} to decide on", "decision",
                        "Give measurements that no fit has seen, or write `rule: none`")
     result, accepted = decided(rule, one.value, limit * about.length, expanded)
-    return CertifiedDecision.filled(None, units, rule=rule, of=one.name,
-                                    limit=limit * about.length, value=one.value,
-                                    accepted=accepted, result=result)
+    return {"rule": rule, "decided": one.name, "limit": limit * about.length,
+            "decided_value": one.value, "accepted": accepted, "result": result}
 
 
 def _basis(evidence: Evidence) -> str:
@@ -272,7 +258,7 @@ def _validity(mechanism: Mechanism, units: MachineUnits) -> tuple[Range, ...]:
 def budget_sentence(record: CertificateRecord) -> str:
     """Return the expanded uncertainty, and how it was had."""
     b, unit = record.budget, record.units.name("length")
-    degrees = "infinitely many" if b.degrees is None else number(b.degrees, 3)
+    degrees = "infinitely many" if not math.isfinite(b.degrees) else number(b.degrees, 3)
     return (f"Expanded uncertainty of {b.of}: U = {number(b.expanded)} {unit} "
             f"(k = {number(b.factor, 3)}, {degrees} effective degrees "
             "of freedom, about 95 %).")
@@ -280,6 +266,7 @@ def budget_sentence(record: CertificateRecord) -> str:
 
 def decision_sentence(record: CertificateRecord) -> str:
     """Return the decision and its rule."""
-    d, unit = record.decision, record.units.name("length")
-    return (f"Decision by {d.rule}: {d.result}. The {d.of} is {number(d.value)} {unit}, the limit "
-            f"{number(d.limit)} {unit}, the acceptance limit {number(d.accepted)} {unit}.")
+    unit = record.units.name("length")
+    return (f"Decision by {record.rule}: {record.result}. The {record.decided} is "
+            f"{number(record.decided_value)} {unit}, the limit {number(record.limit)} {unit}, the "
+            f"acceptance limit {number(record.accepted)} {unit}.")

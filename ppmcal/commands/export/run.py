@@ -52,7 +52,7 @@ def told(record: ExportRecord, copied: bool = False) -> Iterator[Told]:
     yield (f"Predicted error over {record.over}; \"expected\" counts the model's own uncertainty "
            "too:")
     yield _errors(record)
-    yield record.predicted.sentence()
+    yield record.predicted_sentence()
     for note in record.notes:
         yield f"Note: {note}."
     yield from record.advice
@@ -64,8 +64,8 @@ def _errors(record: ExportRecord) -> ShortTable:
                       if part is not None for v in (part.rms, part.max))]
             for label, e in (("old, model exact", record.before),
                              ("new, model exact", record.after))]
-    for label, size in (("old, expected", record.predicted.before),
-                        ("new, expected", record.predicted.after)):
+    for label, size in (("old, expected", record.expected_before),
+                        ("new, expected", record.expected_after)):
         expected = [error_size(size.rms, size.unit) or "unknown", ""]
         if record.after.rotation is not None:
             turn = size.rotation
@@ -175,7 +175,7 @@ def run(asked: ExportArguments) -> ExportResult:
     beside = source_file.with_name(KNOWLEDGE) if known.there or made.uncertainty.frame else None
     source = source_of("export", [*machine.inputs, *files_of(old, poses, beside)], None)
     record = record_of(made, machine.name, source)
-    record = record.changed(verdict=verdict_of(record, known, warned))
+    record = record.changed(**verdict_of(record, known, warned))
     return ExportResult(source, (*warned, *notes, *record.all_findings()), machine, made, record,
                         Path(old) if made.copy and old is not None else None)
 

@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from ppmcal.controllers.export import KNOWLEDGE, Exported
 from ppmcal.controllers.pose_errors import MM
@@ -20,7 +21,6 @@ from ppmcal.io.results.export import (
     NO_GAIN,
     NOT_JUDGED,
     ExportRecord,
-    ExportVerdict,
     NotExpressedEntry,
     is_known,
 )
@@ -120,24 +120,27 @@ def refuse_worse(made: Exported, known: FitEvidence, source: str, regardless: bo
     return [Note(f"{what}; written anyway, because of --regardless") for what, _ in against[:1]]
 
 
-def verdict_of(record: ExportRecord, known: FitEvidence, warned: Sequence[str]) -> ExportVerdict:
-    """Return the verdict on what is written; ``warned``: reasons against it that were set aside."""
+def verdict_of(record: ExportRecord, known: FitEvidence, warned: Sequence[str]) -> dict[str, Any]:
+    """Return the verdict on what is written, as fields of the record.
+
+    ``warned``: reasons against it that were set aside.
+    """
     unchecked = tuple(filter(None, (
         known.size,
-        "" if is_known(record.predicted.model.rms) else
-        f"how well the numbers are known is not: {record.predicted.model.reason}")))
+        "" if is_known(record.model.rms) else
+        f"how well the numbers are known is not: {record.model.reason}")))
     if warned:
-        return ExportVerdict(answer="no", why=str(warned[0]), unchecked=unchecked)
+        return {"answer": "no", "why": str(warned[0]), "unchecked": unchecked}
     why = _gain(record, known)
     if not known.there:
-        return ExportVerdict(answer=NOT_JUDGED, why=f"no calibration of this model lies beside it; "
-                       f"{why}", unchecked=unchecked)
+        return {"answer": NOT_JUDGED, "unchecked": unchecked,
+                "why": f"no calibration of this model lies beside it; {why}"}
     lost = [entry.what for entry in record.not_expressed if _costs(entry)]
     if lost:
         more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
-        return ExportVerdict(answer="only in part", why=f"{why}; {record.called} cannot express: "
-                       f"{lost[0]}{more}", unchecked=unchecked)
-    return ExportVerdict(answer="yes", why=why, unchecked=unchecked)
+        return {"answer": "only in part", "unchecked": unchecked,
+                "why": f"{why}; {record.called} cannot express: {lost[0]}{more}"}
+    return {"answer": "yes", "why": why, "unchecked": unchecked}
 
 
 def _costs(entry: NotExpressedEntry) -> bool:
@@ -149,9 +152,10 @@ def _costs(entry: NotExpressedEntry) -> bool:
 
 def _gain(record: ExportRecord, known: FitEvidence) -> str:
     """Return the errors promised before and after, and those of rows that no fit has seen."""
-    whole = record.predicted
-    exact = not (is_known(whole.before.rms) and is_known(whole.after.rms))
-    old, new = (record.before, record.after) if exact else (whole.before, whole.after)
+    old, new = record.expected_before, record.expected_after
+    exact = not (is_known(old.rms) and is_known(new.rms))
+    if exact:
+        old, new = record.before, record.after
     text = (f"predicted error {old.rms_words()} rms with the old numbers, {new.rms_words()} with "
             f"the new ones{', if the model is exact' * exact}")
     first, unseen = known.before, known.unseen

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from ppmcal.io.results.certificate import CertificateRecord, CertifiedFigure
+from ppmcal.calibration.validation import Figure
+from ppmcal.io.results.certificate import CertificateRecord
 from ppmcal.wording import number
 
 NONE = "–"
@@ -76,24 +78,25 @@ def blocks(record: CertificateRecord) -> Iterator[Block]:
 
 
 def _value(value: float | None, unit: str = "", digits: int = 4) -> str:
-    return NONE if value is None else f"{number(value, digits)} {unit}".strip()
+    return NONE if value is None or math.isnan(value) else f"{number(value, digits)} {unit}".strip()
 
 
 def _who(record: CertificateRecord) -> Iterator[Block]:
-    unit, i = record.units.name("length"), record.instrument
+    unit = record.units.name("length")
     lab = record.laboratory
     accredited = f", accreditation {lab.accreditation}" if lab.accreditation else ""
     low, high = record.temperature[0], record.temperature[-1]
     warm = _value(low) if low == high else f"{_value(low)} to {_value(high)}"
     yield NamedLines([
-        ("Machine", " ".join(filter(None, (record.machine.maker, record.machine.model)))
-         + f", serial number {record.machine.serial} ({record.machine.name})"),
+        ("Machine", " ".join(filter(None, (record.maker, record.model)))
+         + f", serial number {record.serial} ({record.of_file})"),
         ("Customer", _party(record.customer.name, record.customer.city, record.customer.country)),
         ("Laboratory", _party(lab.name, lab.city, lab.country) + accredited),
         ("Measured", f"{record.date} by {record.operator}"), ("Issued", record.issued),
-        ("Instrument", "none: joint values alone" if i is None else
-         f"{i.make}, serial number {i.serial}, certificate {i.certificate} of {i.calibrated}, "
-         f"U = {_value(i.uncertainty, unit)} (k = {_value(i.coverage_factor)})"),
+        ("Instrument", "none: joint values alone" if record.instrument is None else
+         f"{record.instrument}, serial number {record.instrument_serial}, certificate "
+         f"{record.instrument_certificate} of {record.calibrated}, "
+         f"U = {_value(record.uncertainty, unit)} (k = {_value(record.coverage_factor)})"),
         ("Temperature", f"{warm} °C"), *record.conditions.items()])
 
 
@@ -118,7 +121,7 @@ def _figures(record: CertificateRecord) -> Iterator[Block]:
             (0.13, 0.35, 0.52))
 
 
-def _of(f: CertifiedFigure) -> str:
+def _of(f: Figure) -> str:
     if not f.asked:
         return f.where or "all rows"
     fewer = f", n = {f.repeats}" + (f" ({f.asked} agreed)" if f.asked < ASKED[f.norm] else "")
@@ -131,10 +134,10 @@ def _budget(record: CertificateRecord) -> Iterator[Block]:
     yield PrintedTable(["contribution", "type", "distribution", f"u, {unit}", "degrees", "c",
                 f"c u, {unit}", "from"], [
         [c.source, c.kind, c.distribution, _value(c.standard),
-         "∞" if c.degrees is None else _value(c.degrees, digits=3),
+         "∞" if not math.isfinite(c.degrees) else _value(c.degrees, digits=3),
          _value(c.sensitivity), _value(c.part), c.note] for c in b.lines],
         (0.16, 0.06, 0.13, 0.11, 0.10, 0.04, 0.11, 0.29), (3, 4, 5, 6))
-    degrees = "∞" if b.degrees is None else _value(b.degrees, digits=3)
+    degrees = "∞" if not math.isfinite(b.degrees) else _value(b.degrees, digits=3)
     yield Words(f"Combined u = {_value(b.combined, unit)}; effective degrees of freedom {degrees} "
                 f"(Welch-Satterthwaite); k = {_value(b.factor, digits=3)}; expanded uncertainty "
                 f"U = {_value(b.expanded, unit)}, of {b.of}, for a coverage probability of about "
@@ -142,16 +145,17 @@ def _budget(record: CertificateRecord) -> Iterator[Block]:
 
 
 def _decision(record: CertificateRecord) -> Iterator[Block]:
-    d, unit = record.decision, record.units.name("length")
+    unit = record.units.name("length")
     yield Heading("Decision")
-    if not d.result:
+    if not record.result:
         yield Words("No decision rule was agreed.")
         return
-    how = ("the limit less the expanded uncertainty" if d.accepted != d.limit else
+    how = ("the limit less the expanded uncertainty" if record.accepted != record.limit else
            "the limit itself")
-    yield Words(f"{d.result.upper()} by {d.rule} (ILAC-G8, JCGM 106): the {d.of} is "
-                f"{_value(d.value, unit)}, the limit {_value(d.limit, unit)}, the acceptance limit "
-                f"{_value(d.accepted, unit)} ({how}).")
+    yield Words(f"{record.result.upper()} by {record.rule} (ILAC-G8, JCGM 106): the "
+                f"{record.decided} is {_value(record.decided_value, unit)}, the limit "
+                f"{_value(record.limit, unit)}, the acceptance limit "
+                f"{_value(record.accepted, unit)} ({how}).")
 
 
 def _validity(record: CertificateRecord) -> Iterator[Block]:

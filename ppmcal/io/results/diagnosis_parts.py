@@ -54,25 +54,6 @@ class EffectValue(Part):
         return half_interval(self.low, self.high, self.sigma)
 
 
-class EventRow(Part):
-    """The input row from which on an event holds, with its 95 % interval, and its data set."""
-
-    value: Whole = 0
-    low: Whole = 0
-    high: Whole = 0
-    dataset: Text = ""
-
-    @classmethod
-    def of(cls, result: Diagnosis, onset: Onset) -> EventRow:
-        """Return the row within its own file."""
-        datasets = result.identification.fit.problem.datasets
-        # of files with one time line the first that was at work then
-        after = [d for d in datasets if d.before < onset.row]
-        own = next(d for d in after if d.before == after[-1].before)
-        return cls(value=own.row_at(onset.row), low=own.row_at(onset.low),
-                   high=own.row_at(onset.high), dataset=own.name)
-
-
 def kind_of(label: str) -> str:
     """Return the kind of an alternative, without its part; of a slot of the geometry its name."""
     whole = label.split(" on ")[0]
@@ -128,7 +109,7 @@ class DiagnosedEffect(Part):
     probabilities: tuple[Shown | None, ...] = ()
     mid_stroke: EffectValue | None = None
     derived: Mapping[str, EffectValue] = field(default_factory=dict)
-    row: EventRow | None = None
+    row: Onset | None = None
     sessions: tuple[EffectInSession, ...] = ()
     same_in_sessions_p: Shown | None = None
     side: Text = ""
@@ -200,7 +181,15 @@ class HeldOutGap(Part):
 
 
 def _event(result: Diagnosis, effect: NamedEffect) -> dict[str, Any]:
-    return {} if effect.onset is None else {"row": EventRow.of(result, effect.onset)}
+    """Return the input row from which on an event holds, counted within its own file."""
+    if (onset := effect.onset) is None:
+        return {}
+    datasets = result.identification.fit.problem.datasets
+    # of files with one time line the first that was at work then
+    after = [d for d in datasets if d.before < onset.row]
+    own = next(d for d in after if d.before == after[-1].before)
+    return {"row": Onset(own.row_at(onset.row), own.row_at(onset.low), own.row_at(onset.high),
+                         own.name)}
 
 
 def _parameters(result: Diagnosis, effect: NamedEffect) -> dict[str, EffectValue]:

@@ -143,7 +143,7 @@ def onset(effect: DiagnosedEffect) -> str:
         return ""
     row = effect.row
     sure = f" (95 %: {row.low} to {row.high})" if row.low < row.high else ""
-    return f"from row {row.value}{f' of {row.dataset}' if row.dataset else ''} on{sure}"
+    return f"from row {row.row}{f' of {row.dataset}' if row.dataset else ''} on{sure}"
 
 
 def side(group: Group) -> list[str]:
@@ -316,9 +316,9 @@ def _equation(entry: LearnedEntry) -> str:
     """Return the short equation that does as well, empty where there is none."""
     if entry.equation is None:
         return ""
-    sizes = ", ".join(f"{number(t.size, 3)} +- {number(t.sigma, 2)} {entry.equation.unit}"
-                      for t in entry.equation.terms)
-    return f" As an equation that does as well: {entry.equation.text} (sizes {sizes})."
+    sizes = ", ".join(f"{number(t.size, 3)} +- {number(t.sigma, 2)} {entry.equation_unit}"
+                      for t in entry.terms)
+    return f" As an equation that does as well: {entry.equation} (sizes {sizes})."
 
 
 def learned_name(record: DiagnosisRecord, entry: LearnedEntry) -> str:

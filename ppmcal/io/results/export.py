@@ -61,33 +61,6 @@ class CommandErrors(Part):
         return _rms_words(self.rms, self.unit, self.rotation)
 
 
-class PredictedErrors(Part):
-    """What is left with the new numbers, rms: of the format, of the model, and of both.
-
-    ``before``: with the old numbers, the model's own uncertainty in it as in ``after``.
-    """
-
-    format: CommandErrors = CommandErrors()
-    model: CommandErrors = CommandErrors()
-    before: CommandErrors = CommandErrors()
-    after: CommandErrors = CommandErrors()
-
-    def sentence(self) -> str:
-        """Return what is left with the new numbers, empty where the file does not say."""
-        if not is_known(self.format.rms):
-            return ""
-        text = (f"What the format cannot express: {self.format.rms_words()} rms; the model's own "
-                "uncertainty: ")
-        if not (is_known(self.model.rms) and is_known(self.after.rms)):
-            return f"{text}unknown, as {self.model.reason or 'the file does not say it'}."
-        base = self.model.frame in ("", "base")
-        where = "the base frame" if base else f"the frame of {self.model.frame}"
-        old = (f"; with the old ones: {self.before.rms_words()}" if is_known(self.before.rms)
-               else "")
-        return (f"{text}{self.model.rms_words()} (1 sigma, rms over the poses, in {where}). "
-                f"Predicted error with the new numbers: {self.after.rms_words()} rms{old}.")
-
-
 class NotExpressedEntry(Part):
     """One thing that the controller cannot express, and what that alone costs."""
 
@@ -104,29 +77,15 @@ class NotExpressedEntry(Part):
 NOT_JUDGED = "not judged"
 
 
-class ExportVerdict(Part):
-    """Whether to use what is written: ``yes``, ``only in part``, ``no`` or ``not judged``.
-
-    ``why``: in a sentence; ``unchecked``: what no measurement says, each as the end of a sentence.
-    """
-
-    answer: Text = ""
-    why: Text = ""
-    unchecked: tuple[Text, ...] = ()
-
-    def sentences(self, what: str) -> str:
-        """Return ``WHAT: yes, ...`` and what is not checked; empty where nothing says it."""
-        if not self.answer:
-            return ""
-        return " ".join(f"{part[:1].upper()}{part[1:].rstrip('.')}." for part in (
-            f"{what}: {self.answer}; {self.why}", *self.unchecked))
-
-
 class ExportRecord(Record):
     """export.json; the keys from ``length_unit`` on are those of single formats.
 
-    ``before``, ``after``: errors of the machine driven with the old and with the new numbers;
-    ``lines``: those to paste, where the file has few.
+    ``answer``: whether to use what is written: ``yes``, ``only in part``, ``no`` or ``not judged``,
+    and ``why``, in a sentence; ``unchecked``: what no measurement says, each as the end of one.
+    ``before``, ``after``: errors of the machine driven with the old and with the new numbers, if
+    the model is exact; ``lost``, ``model``, ``expected_after``: what is left with the new ones,
+    rms, of the format, of the model, and of both; ``expected_before``: with the old ones, the
+    model's own uncertainty in it too. ``lines``: those to paste, where the file has few.
     """
 
     FILE: ClassVar[str] = "export.json"
@@ -139,11 +98,16 @@ class ExportRecord(Record):
     old: Mapping[str, Shown | None] = field(default_factory=dict)
     number_units: Mapping[str, Text] = field(default_factory=dict)
     title: Text = ""
-    verdict: ExportVerdict = ExportVerdict()
+    answer: Annotated[Text, Key("verdict.answer")] = ""
+    why: Annotated[Text, Key("verdict.why")] = ""
+    unchecked: Annotated[tuple[Text, ...], Key("verdict.unchecked")] = ()
     lines: tuple[Text, ...] = ()
     summary: Annotated[Text, Key("said")] = ""
     over: Text = ""
-    predicted: PredictedErrors = PredictedErrors()
+    lost: Annotated[CommandErrors, Key("predicted.format")] = CommandErrors()
+    model: Annotated[CommandErrors, Key("predicted.model")] = CommandErrors()
+    expected_before: Annotated[CommandErrors, Key("predicted.before")] = CommandErrors()
+    expected_after: Annotated[CommandErrors, Key("predicted.after")] = CommandErrors()
     exact: Flag = False
     read_back: Flag = False
     before: Annotated[CommandErrors, Key("gain.before")] = CommandErrors()
@@ -167,9 +131,27 @@ class ExportRecord(Record):
     @property
     def judged(self) -> str:
         """``Paste this: yes, ...``; of files that nobody pastes, only what a calibration says."""
-        if not self.lines and self.verdict.answer == NOT_JUDGED:
+        if not self.answer or (not self.lines and self.answer == NOT_JUDGED):
             return ""
-        return self.verdict.sentences("Paste this" if self.lines else "Use this")
+        return " ".join(f"{part[:1].upper()}{part[1:].rstrip('.')}." for part in (
+            f"{'Paste this' if self.lines else 'Use this'}: {self.answer}; {self.why}",
+            *self.unchecked))
+
+    def predicted_sentence(self) -> str:
+        """Return what is left with the new numbers, empty where the file does not say."""
+        if not is_known(self.lost.rms):
+            return ""
+        text = (f"What the format cannot express: {self.lost.rms_words()} rms; the model's own "
+                "uncertainty: ")
+        if not (is_known(self.model.rms) and is_known(self.expected_after.rms)):
+            return f"{text}unknown, as {self.model.reason or 'the file does not say it'}."
+        base = self.model.frame in ("", "base")
+        where = "the base frame" if base else f"the frame of {self.model.frame}"
+        before = self.expected_before
+        old = f"; with the old ones: {before.rms_words()}" if is_known(before.rms) else ""
+        return (f"{text}{self.model.rms_words()} (1 sigma, rms over the poses, in {where}). "
+                "Predicted error with the new numbers: "
+                f"{self.expected_after.rms_words()} rms{old}.")
 
     @property
     def called(self) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import field
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -211,31 +211,14 @@ class FittedDataset(Part):
     recorded: RecordedForm | None = None
 
 
-class HeldParameters(Part):
-    """Parameters that were held though they may be off by ``sigma``, file units.
-
-    ``moved``: by how much each column of the covariance errs with the error of each.
-    """
-
-    names: tuple[Text, ...] = ()
-    sigma: Numbers = ()
-    moved: tuple[Numbers, ...] = ()
-
-    @classmethod
-    def of(cls, kept: Considered, mechanism: Mechanism, columns: Array) -> HeldParameters:
-        """Return the entry; ``columns``: SI value of one file unit of each column (C,)."""
-        own = np.array([column_factor(mechanism, n) for n in kept.names])
-        return cls(names=kept.names, sigma=kept.sigma / own,
-                   moved=kept.gain * own / columns[:, None])
-
-
 class CovarianceEntry(Part):
     """Covariance of all columns in file units, and the points that the frames turn about.
 
     ``prior``: standard deviations, None without; ``inflation``: a bare factor on the noise;
     ``data_matrix``, ``data_right``: what the data alone say of steps of the parameters, |matrix s -
     right|^2, white by the stated noise, as ``inflation`` is a factor on that; ``held``: what was
-    not fitted, which the matrix takes for exact.
+    not fitted, which the matrix takes for exact, though it may be off by ``held_sigma``;
+    ``held_moved``: by how much each column errs with the error of each.
     """
 
     names: tuple[Text, ...] = ()
@@ -247,7 +230,9 @@ class CovarianceEntry(Part):
     session: SessionInformation | None = None
     matrix: tuple[Numbers, ...] = ()
     frames_turn_about: Length[Mapping[Text, Numbers]] = field(default_factory=dict)
-    held: HeldParameters | None = None
+    held: Annotated[tuple[Text, ...] | None, Key("held.names", whole=True)] = None
+    held_sigma: Annotated[Numbers, Key("held.sigma")] = ()
+    held_moved: Annotated[tuple[Numbers, ...], Key("held.moved")] = ()
 
     @classmethod
     def of(cls, result: Identification) -> CovarianceEntry:
@@ -267,7 +252,16 @@ class CovarianceEntry(Part):
             data_matrix=matrix * f[:count] * fit.noise, data_right=right * fit.noise,
             unit_of_parameters=fit.scale[:count] / f[:count], session=session,
             matrix=result.covariance / np.outer(f, f), frames_turn_about=about,
-            held=HeldParameters.of(kept, result.mechanism, f) if kept and kept.names else None)
+            **_held(kept, result.mechanism, f))
+
+
+def _held(kept: Considered | None, mechanism: Mechanism, columns: Array) -> dict[str, Any]:
+    """Return parameters that were held, as fields; ``columns``: SI value of a unit of each (C,)."""
+    if kept is None or not kept.names:
+        return {"held": None}
+    own = np.array([column_factor(mechanism, n) for n in kept.names])
+    return {"held": kept.names, "held_sigma": kept.sigma / own,
+            "held_moved": kept.gain * own / columns[:, None]}
 
 
 def summaries(values: Mapping[str, Mapping[str, float]], units: Units

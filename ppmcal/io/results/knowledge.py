@@ -21,7 +21,6 @@ from ppmcal.io.results.identification_parts import (
     CovarianceEntry,
     DefinedFrameEntry,
     FittedDataset,
-    HeldParameters,
 )
 from ppmcal.io.results.parts import ErrorSize
 from ppmcal.io.results.session_parts import SessionInformation, SessionRows, rest_factors
@@ -64,7 +63,7 @@ def knowledge_of(record: IdentificationRecord, mechanism: Mechanism,
         names = covariance.names
         matrix = _matrix(covariance.matrix, len(names), len(names))
         _refuse_no_covariance(matrix, names, path)
-        kept = _considered(covariance.held, len(names))
+        kept = _considered(covariance)
         volume = {c: _range(ends, mechanism, c) for c, ends in record.measured_volume.items()}
         turn = {n: _finite(p, 3) * units.factor("length")
                 for n, p in covariance.frames_turn_about.items()}
@@ -83,15 +82,16 @@ def knowledge_of(record: IdentificationRecord, mechanism: Mechanism,
                                frames)
 
 
-def _considered(entry: HeldParameters | None, count: int) -> Considered:
+def _considered(entry: CovarianceEntry) -> Considered:
     """Return what an identification held beside its columns (C), file units."""
-    if entry is None:
+    count = len(entry.names)
+    if entry.held is None:
         return Considered((), np.zeros(0), np.zeros((count, 0)))
-    _part(entry, "names", "sigma", "moved")
-    sigma = _finite(entry.sigma, len(entry.names))
+    _part(entry, "held_sigma", "held_moved")
+    sigma = _finite(entry.held_sigma, len(entry.held))
     if np.any(sigma < 0.0):
         raise _Incomplete
-    return Considered(entry.names, sigma, _matrix(entry.moved, count, len(entry.names)))
+    return Considered(entry.held, sigma, _matrix(entry.held_moved, count, len(entry.held)))
 
 
 def read_basis(path: Path) -> MeasurementBasis:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from ppmcal.diagnosis.equation_forms import Equation, InputForm, Product
 from ppmcal.io.results.record import Part, Shown, Text
@@ -36,38 +37,23 @@ class EquationTerm(Part):
     factors: tuple[EquationFactor, ...] = ()
 
 
-class LearnedEquation(Part):
-    """The sum of ``terms``, in ``unit``, as ``text``; times the direction where ``by`` says so.
-
-    ``probability``: of these factors among all that were tried. ``after``: rms over the noise in
-    poses left out of the fits, with it in the term's place.
-    """
-
-    text: Text = ""
-    unit: Text = ""
-    by: Text = ""
-    terms: tuple[EquationTerm, ...] = ()
-    probability: Shown | None = None
-    after: Shown | None = None
-
-    @classmethod
-    def of(cls, found: Equation, on: str, units: Units) -> LearnedEquation:
-        """Return an equation in file units; ``on``: what it is an error of."""
-        own = units.factor(found.quantity)
-        unit, terms, parts = units.name(found.quantity), [], []
-        for n, product in enumerate(found.products):
-            factors = [_factor(found, f, units) for f in product]
-            per = _si_scale(found, product, factors, units) / own
-            size = float(found.values[n]) * per
-            sigma = math.sqrt(max(float(found.covariance[n, n]), 0.0)) * per
-            terms.append(EquationTerm(size=size, sigma=sigma, factors=tuple(factors)))
-            words = " * ".join([f"{number(abs(size), 3)} {unit}", *(_words(f) for f in factors),
-                                *([APPROACH] if found.signed else [])])
-            sign = "-" if size < 0.0 else ""
-            parts.append(f"{sign}{words}" if n == 0 else f" {sign or '+'} {words}")
-        return cls(text=f"{on}: {''.join(parts)}", unit=unit,
-                   by=DIRECTION.name if found.signed else "", terms=tuple(terms),
-                   probability=found.probability, after=found.after)
+def equation_fields(found: Equation, on: str, units: Units) -> dict[str, Any]:
+    """Return an equation as fields of an entry, file units; ``on``: what it is an error of."""
+    own = units.factor(found.quantity)
+    unit, terms, parts = units.name(found.quantity), [], []
+    for n, product in enumerate(found.products):
+        factors = [_factor(found, f, units) for f in product]
+        per = _si_scale(found, product, factors, units) / own
+        size = float(found.values[n]) * per
+        sigma = math.sqrt(max(float(found.covariance[n, n]), 0.0)) * per
+        terms.append(EquationTerm(size=size, sigma=sigma, factors=tuple(factors)))
+        words = " * ".join([f"{number(abs(size), 3)} {unit}", *(_words(f) for f in factors),
+                            *([APPROACH] if found.signed else [])])
+        sign = "-" if size < 0.0 else ""
+        parts.append(f"{sign}{words}" if n == 0 else f" {sign or '+'} {words}")
+    return {"equation": f"{on}: {''.join(parts)}", "equation_unit": unit,
+            "equation_by": DIRECTION.name if found.signed else "", "terms": tuple(terms),
+            "equation_probability": found.probability, "equation_after": found.after}
 
 
 APPROACH = "approach"

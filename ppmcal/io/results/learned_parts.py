@@ -10,12 +10,12 @@ import numpy as np
 from ppmcal.diagnosis.learned_shapes import LearnedShape, shapes
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.io.results.diagnosis_parts import HeldOutGap
-from ppmcal.io.results.learned_equation import LearnedEquation
+from ppmcal.io.results.learned_equation import EquationTerm, equation_fields
 from ppmcal.io.results.record import Part, PlainCell, Shown, Text
 from ppmcal.linalg import Array
 from ppmcal.model.effects.learned import INPUTS, JOINT
 from ppmcal.model.effects.learned_curve import si_factor
-from ppmcal.units import OfUnit, Quantity, Units
+from ppmcal.units import Key, OfUnit, Quantity, Units
 
 DRAWN = 600
 Curve = Annotated[tuple[Shown | None, ...], Quantity(of="unit", digits=6)]
@@ -31,7 +31,9 @@ class LearnedEntry(Part):
     kinked, repeating (``period``), hysteretic. ``x``, ``value``, ``sigma``: the curve; ``at``,
     ``partial``: what single rows say of it. Of two inputs ``by`` is the second one, known from
     ``by_low`` to ``by_high``, and the curves are those at its ``by_ends``: ``other`` at the first,
-    ``value`` at the last. ``equation``: short, where one does as well.
+    ``value`` at the last. ``equation``: short, where one does as well: the sum of its
+    ``terms``, times the direction where ``equation_by`` says so, of a probability among all that
+    were tried; ``equation_after``: rms over the noise in poses left out of the fits, with it.
     ``near``: kinds of effect that do nearly the same: the cosine of what geometry leaves of both.
     """
 
@@ -58,7 +60,12 @@ class LearnedEntry(Part):
     at: tuple[Shown | None, ...] = ()
     partial: Curve = ()
     other: Curve = ()
-    equation: LearnedEquation | None = None
+    equation: Annotated[Text | None, Key("equation.text", whole=True)] = None
+    equation_unit: Annotated[Text, Key("equation.unit")] = ""
+    equation_by: Annotated[Text, Key("equation.by")] = ""
+    terms: Annotated[tuple[EquationTerm, ...], Key("equation.terms")] = ()
+    equation_probability: Annotated[Shown | None, Key("equation.probability")] = None
+    equation_after: Annotated[Shown | None, Key("equation.after")] = None
 
     @classmethod
     def all_of(cls, result: Diagnosis) -> tuple[LearnedEntry, ...]:
@@ -86,7 +93,7 @@ class LearnedEntry(Part):
             near=tuple({"effect": label, "cosine": c} for label, c in s.near),
             x=_rounded(s.x / per + zero), at=_rounded(s.at[some] / per + zero),
             partial=s.partial[some],
-            equation=LearnedEquation.of(s.equation, where, units) if s.equation else None)
+            **(equation_fields(s.equation, where, units) if s.equation else {"equation": None}))
 
 
 def _second(s: LearnedShape, units: Units) -> dict[str, Any]:

@@ -113,19 +113,20 @@ class ValidatedDataset(Part):
     def of(cls, found: Validated, units: Units, noise: DayNoise | None = None
            ) -> ValidatedDataset:
         """Return a data set in file units."""
-        used: dict[str, Any] = {"factor": None}
-        if noise is not None:
+        used: dict[str, Any] = {"elsewhere": found.elsewhere} if found.elsewhere else {}
+        if noise is None:
+            used |= {"factor": None}
+        else:
             size = noise.sigma / units.factor(noise.quantity)
-            used = {"noise": size, "stated": size / noise.factor, "factor": noise.factor,
-                    "unit": units.name(noise.quantity), "judged_by": noise.source}
+            used |= {"noise": size, "stated": size / noise.factor, "factor": noise.factor,
+                     "unit": units.name(noise.quantity), "judged_by": noise.source}
         return cls(name=found.name, source=found.source, rows=found.rows[0], of_rows=found.rows[1],
                    fitted=found.fitted, demanded=found.demanded, **used,
                    errors=tuple(PredictedError.of(e, units, n == 0)
                                 for n, e in enumerate(found.errors)),
                    unlike=tuple(r for r in (noise.unlike if noise else ())
                                 if r.row not in found.left_out),
-                   left_out=found.left_out,
-                   **({"elsewhere": found.elsewhere} if found.elsewhere else {}))
+                   left_out=found.left_out)
 
 
 class ValidationRecord(Record):
