@@ -18,7 +18,7 @@ from ppmcal.cli.display import aside, remarks, shortened, shown, wrapped
 from ppmcal.errors import printable
 from ppmcal.notes import FINDING, NOTE, level_of
 from ppmcal.wording import MOST, collapse_similar
-from ppmcal.wording.told import WIDTH, CommandLine, Findings, ShortTable, Told
+from ppmcal.wording.told import WIDTH, CommandLine, CopiedLines, Findings, ShortTable, Told
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -184,6 +184,13 @@ class Console:
             with aside():
                 click.echo(wrapped(_told(text), map(_told, sys.argv)))
 
+    def say_lines(self, lines: Sequence[str]) -> None:
+        """Print lines to be copied, none of them broken: half a line is another one."""
+        if self.speaks:
+            with aside():
+                for line in lines:
+                    click.echo(f"    {_told(line)}".rstrip())
+
     def say_command(self, head: str, words: Sequence[object]) -> None:
         """Print a command to be copied: longer than a line, it goes on behind a backslash."""
         lines = [head]
@@ -202,6 +209,8 @@ class Console:
             self.warn(part.sentences)
         elif isinstance(part, CommandLine):
             self.say_command(part.head, part.words)
+        elif isinstance(part, CopiedLines):
+            self.say_lines(part.lines)
         else:
             self.say(part)
 

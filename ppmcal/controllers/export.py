@@ -59,7 +59,8 @@ def pose_uncertainty(mechanism: Mechanism, poses: Array | None, model: Path) -> 
     """Return how well the file ``model`` is known at platform poses (N, 6), base frame.
 
     In the measuring frame of the model's only data set, as ``compensate`` takes it; with none or
-    several in the base frame, where frame and offsets can stand in for each other.
+    several in the base frame, where frame and offsets can stand in for each other. A measuring
+    frame that is the base's is called so.
 
     Raises:
         BadInput: the identification.json beside the model cannot be used.
@@ -74,15 +75,16 @@ def pose_uncertainty(mechanism: Mechanism, poses: Array | None, model: Path) -> 
         return PoseUncertainty(None, None, "base", f"{path.name} is not of this model ({other})")
     names = list(mechanism.registrations)
     name = names[0] if len(names) == 1 else ""
-    position, rotation = model_sigma(mechanism, poses, mechanism.registration(name),
+    stands = mechanism.registration(name)
+    called = name if stands.frame_pose.any() else "base"
+    position, rotation = model_sigma(mechanism, poses, stands,
                                      knowledge, name, rest_columns(mechanism, len(poses)))
     seen = np.isfinite(position)
     if not seen.any():
-        return PoseUncertainty(None, None, name or "base", "no pose has an uncertainty",
+        return PoseUncertainty(None, None, called, "no pose has an uncertainty",
                                undetermined=True)
     turns = mechanism.motion.turns
-    return PoseUncertainty(rms(position[seen]), rms(rotation[seen]) if turns else None,
-                           name or "base")
+    return PoseUncertainty(rms(position[seen]), rms(rotation[seen]) if turns else None, called)
 
 
 AXIS_OFFSET = ".axis_offset"

@@ -29,8 +29,9 @@ from ppmcal.report.html import (
     text_cell,
 )
 from ppmcal.report.kind import Kind, recorded
-from ppmcal.report.records import Held
+from ppmcal.report.records import Held, ReportData
 from ppmcal.report.section import Section, filled
+from ppmcal.report.verdict import verdicts
 from ppmcal.wording import sentence
 
 STAGES = (("before", "old"), ("after", "new"))
@@ -38,15 +39,20 @@ ERRORS = (("rms", "rms"), ("max", "at most"))
 """Keys, and their names in a sentence."""
 
 
-def export_section(one: Held[ExportRecord]) -> Section:
-    """Return everything about one export."""
+def export_section(one: Held[ExportRecord], led: bool = False) -> Section:
+    """Return everything about one export; ``led``: the page begins with its verdict already."""
     r = one.record
     notes = [sentence(n) for n in (*r.notes, *r.advice)]
-    verdict = paragraph(r.judged, "big")
-    head = verdict + _lines(r) + paragraph(_said(r), "" if verdict else "big")
+    verdict = "" if led else paragraph(r.judged, "big")
+    head = verdict + _lines(r) + paragraph(_said(r), "" if verdict or led else "big")
     return Section(f"Export: {r.called}", head + _numbers(r), one.folder,
                    parts=filled([_gain(r), _not_expressed(r),
                                  Section("Notes", bullets(notes)) if notes else None]))
+
+
+def _led(one: Held[ExportRecord], data: ReportData) -> bool:
+    """Return whether the page begins with the verdict of its only export."""
+    return bool(one.record.judged) and len(data.exported) == 1 and not verdicts(data)
 
 
 def _said(r: ExportRecord) -> str:
@@ -162,7 +168,7 @@ def fixed(value: Any, decimals: int = 4, plus: bool = False) -> str:
 
 EXPORT: Kind[Held[ExportRecord]] = Kind(
     "exported", "exports", "export", 50, (ExportRecord.FILE,), recorded(ExportRecord),
-    lambda data: [(f"Export in {one.folder}", partial(export_section, one))
+    lambda data: [(f"Export in {one.folder}", partial(export_section, one, led=_led(one, data)))
                   for one in data.exported],
     lambda one, _: {"folder": one.folder, "export": one.record.entries()},
     lambda one: [("export", one.record)],

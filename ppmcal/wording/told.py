@@ -33,5 +33,12 @@ class CommandLine:
     words: Sequence[object]
 
 
-Told = str | ShortTable | Findings | CommandLine
+@dataclass(frozen=True)
+class CopiedLines:
+    """Lines to be copied into a file: shown as they are, however long."""
+
+    lines: Sequence[str]
+
+
+Told = str | ShortTable | Findings | CommandLine | CopiedLines
 """A part of what a result says."""

@@ -57,6 +57,34 @@ def test_a_machine_that_nobody_measured_is_not_judged(here: Path) -> None:
     assert run.out.startswith("Paste this: not judged;")
 
 
+def test_lines_to_paste_are_never_broken(tmp_path: Path) -> None:
+    """Half a line of M669 is another command; and nobody who owns the printer knows of run_1."""
+    shutil.copy(SAMPLE.parents[1] / "hangprinter" / "samples.jsonl", tmp_path)
+    ppmcal("import", "hangprinter", "samples.jsonl", "--out", "lines", cwd=tmp_path)
+    ppmcal("identify", "lines/machine.yaml", "lines/run_1.csv", "lines/run_2.csv", cwd=tmp_path,
+           expect=None)
+    run = ppmcal("export", "hangprinter", "identified", cwd=tmp_path, expect=None)
+    lines = json.loads((tmp_path / "exported" / "export.json").read_text())["lines"]
+    printed = run.out.splitlines()
+    copied = [f"    {line}" for line in lines]
+    assert max(map(len, copied)) > 80
+    assert set(copied) <= set(printed)
+    assert max(len(line) for line in printed if line not in copied) <= 80
+    assert "(1 sigma, rms over the poses, in the base frame)" in " ".join(printed)
+    assert "run_1" not in run.out
+
+
+@pytest.mark.parametrize(("folders", "stands"), [
+    (("one",), 1), (("one", "both"), 1), (("one", "two"), 4)])
+def test_a_page_says_the_verdict_once(here: Path, folders: tuple[str, ...], stands: int) -> None:
+    """Of its only export; of two the beginning and each one's chapter say it."""
+    for name, model in (("one", "both"), ("two", "heights")):
+        ppmcal("export", "klipper", model, "--out", name, cwd=here, expect=0)
+    ppmcal("report", *folders, "--out", "page", cwd=here, expect=None)
+    page = (here / "page" / "report.html").read_text(encoding="utf-8")
+    assert page.count("Paste this: ") == stands
+
+
 def test_a_fit_that_predicts_unseen_rows_no_better_is_refused(here: Path) -> None:
     path = here / "both" / "identification.json"
     record = json.loads(path.read_text())

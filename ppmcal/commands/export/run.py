@@ -30,7 +30,7 @@ from ppmcal.notes import Note
 from ppmcal.store.inputs import digest_of
 from ppmcal.store.output import Content, replace_kept
 from ppmcal.store.provenance import source_of
-from ppmcal.wording.told import ShortTable, Told
+from ppmcal.wording.told import CopiedLines, ShortTable, Told
 
 ROWS = 24
 """Numbers that are shown."""
@@ -42,7 +42,7 @@ def told(record: ExportRecord, copied: bool = False) -> Iterator[Told]:
         yield record.judged
     if record.lines and not copied:
         yield f"Lines to paste, in {record.files[0]}:"
-        yield from (f"    {line}".rstrip() for line in record.lines)
+        yield CopiedLines(record.lines)
     yield f"{record.name}: {record.summary}."
     if record.parameters:
         yield ShortTable(["parameter", "old", "new", "change", "unit"],
