@@ -63,12 +63,13 @@ class EventRow(Part):
     dataset: Text = ""
 
     @classmethod
-    def of(cls, result: Diagnosis, onset: Onset) -> EventRow:
-        """Return the row within its own file."""
+    def of(cls, result: Diagnosis, onset: Onset, target: str = "") -> EventRow:
+        """Return the row within its own file; ``target``: data set of the target that moved."""
         datasets = result.identification.fit.problem.datasets
         # of files with one time line the first that was at work then
         after = [d for d in datasets if d.before < onset.row]
-        own = next(d for d in after if d.before == after[-1].before)
+        own = next((d for d in datasets if d.name == target),
+                   next(d for d in after if d.before == after[-1].before))
         return cls(value=own.row_at(onset.row), low=own.row_at(onset.low),
                    high=own.row_at(onset.high), dataset=own.name)
 
@@ -200,7 +201,9 @@ class HeldOutGap(Part):
 
 
 def _event(result: Diagnosis, effect: NamedEffect) -> dict[str, Any]:
-    return {} if effect.onset is None else {"row": EventRow.of(result, effect.onset)}
+    kind = effect.hypothesis.effect
+    return {} if effect.onset is None else {
+        "row": EventRow.of(result, effect.onset, kind.target if kind else "")}
 
 
 def _parameters(result: Diagnosis, effect: NamedEffect) -> dict[str, EffectValue]:
