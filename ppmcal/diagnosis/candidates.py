@@ -38,6 +38,7 @@ from ppmcal.model.effects import (
     effect_kinds,
 )
 from ppmcal.model.mechanism import joint_groups, limbs_with_free, usable_joints
+from ppmcal.model.sessions import targets_beside_others
 from ppmcal.notes import NOTE, Note
 
 UNBORNE = "it shows only through compliance under load, and the model has none"
@@ -321,11 +322,14 @@ def library(system: System, kinds: Sequence[str] | None = None, tried: Sequence[
     also effects of columns that are not what they are read as; ``apart``: also those that have a
     size of their own in each session.
     """
-    maker = _Kinds(system, tried)
+    maker, beside = _Kinds(system, tried), targets_beside_others(system.problem.datasets)
     for name, kind in effect_kinds().items():
         if kinds is None or name in kinds:
             for variant in kind.variants(maker.motion) if kind.variants else (kind,):
                 maker.kind(variant)
+            if kind.of_target is not None:
+                for one in map(kind.of_target, beside):
+                    maker.kind(one)
     if apart:
         maker.hypotheses += by_session(maker)
     if kinds is None or GEOMETRY in kinds:

@@ -20,7 +20,8 @@ from ppmcal.model.effects import Shift
 
 def only_slots(shift: Shift) -> bool:
     """Whether a shift moves nothing but slots of limbs."""
-    return all(v is None for v in (shift.pose, shift.stretch, shift.frame, shift.target))
+    return not shift.targets and all(
+        v is None for v in (shift.pose, shift.stretch, shift.frame, shift.target))
 
 
 FEW = 4

@@ -279,6 +279,8 @@ def _sort(h: Hypothesis) -> object:
         return (h.sort, h.anonymous)
     if h.part:
         return h.called
+    if h.effect.target:
+        return (h.kind, "one of several targets")
     return (h.kind, h.effect.contains) if h.kind == PRODUCT.name else _family(h)
 
 

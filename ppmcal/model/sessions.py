@@ -8,6 +8,7 @@ is held out of all, and what happens between two poses happens in all of them at
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -106,6 +107,13 @@ def companions(datasets: Sequence[Dataset]) -> list[list[tuple[int, Ints]]]:
             if (rows >= 0).any():
                 out[i].append((j, rows))
     return out
+
+
+def targets_beside_others(datasets: Sequence[Dataset]) -> list[str]:
+    """Return the names of the data sets that are of one of several targets of a campaign."""
+    mine = [d for d in datasets if d.campaign and _shows_poses(d)]
+    several = Counter(d.campaign for d in mine)
+    return [d.name for d in mine if several[d.campaign] > 1]
 
 
 def _shows_poses(data: Dataset) -> bool:

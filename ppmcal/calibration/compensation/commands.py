@@ -197,7 +197,7 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
     model, nominal = Model(mechanism), Model(mechanism.nominal())
     before_events = registration
     if dataset:
-        registration = after_events(registration, final_shift(mechanism))
+        registration = after_events(registration, final_shift(mechanism).of(dataset))
     full, failed = wanted_poses(model, registration, wanted)
     columns = dict(columns or {})
     ordered = sequence or "time" in columns

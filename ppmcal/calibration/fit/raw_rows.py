@@ -163,7 +163,7 @@ class RowMaker:
         noisy = bool(np.any(sighting.sigma_joint > 0.0) or np.any(sighting.sigma_gap > 0.0))
         responses = tuple(
             Response(model.closure(q, () if self.columns is None else self.free), pose, seen,
-                     self.surroundings, end, bases[end])
+                     self.surroundings, end, bases[end], sighting.data.name)
             for end, ((q, pose), model) in enumerate(zip(ends, self.models, strict=True))
         ) if noisy or self.columns is not None else ()
         return RawRows(
@@ -173,7 +173,8 @@ class RowMaker:
 
     def _look(self, part: Sighting, closed: Sequence[Array]) -> ResidualJacobian:
         """Return what the instrument sees of some rows at poses (n, 8) that close."""
-        shift, data = self.models[0].shift, part.data
+        data, shift = part.data, self.models[0].shift
+        shift = None if shift is None else shift.of(data.name)
         platforms = [platform_pose(pose, model.shift)
                      for pose, model in zip(closed, self.models, strict=True)]
         # a joint is in a limb, before what moves the platform beyond it

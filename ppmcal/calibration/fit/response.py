@@ -27,6 +27,7 @@ class Response:
 
     Closed poses ``pose`` (n, 8) are number ``end`` of those seen. ``surplus``: of a machine with
     more equations than freedoms the basis N (n, e, s), and in which of the m values N' c stands.
+    ``target``: name of the data set, of which shifts of single targets are its own.
     """
 
     closure: Closure
@@ -35,6 +36,7 @@ class Response:
     surroundings: Callable[[], Environment]
     end: int = 0
     surplus: tuple[Array, slice] | None = None
+    target: str = ""
 
     @cached_property
     def rows(self) -> Environment:
@@ -131,7 +133,9 @@ class Response:
             return out    # what moves the platform beyond its limbs leaves their joints alone
         if shift.pose is not None:
             out += (self.seen.by_poses[self.end] @ shift.pose[..., None])[..., 0]
-        for twist in displacement_twists(self.platform, shift, self.closure.model.shift):
+        now = self.closure.model.shift
+        for twist in displacement_twists(self.platform, shift.of(self.target),
+                                         None if now is None else now.of(self.target)):
             out += (self.seen.by_poses[self.end] @ twist[..., None])[..., 0]
         if shift.stretch is not None:
             moved = shift.stretch @ self.seen.points[self.end][..., None]

@@ -184,10 +184,11 @@ def _event(result: Diagnosis, effect: NamedEffect) -> dict[str, Any]:
     """Return the input row from which on an event holds, counted within its own file."""
     if (onset := effect.onset) is None:
         return {}
-    datasets = result.identification.fit.problem.datasets
+    datasets, kind = result.identification.fit.problem.datasets, effect.hypothesis.effect
     # of files with one time line the first that was at work then
     after = [d for d in datasets if d.before < onset.row]
-    own = next(d for d in after if d.before == after[-1].before)
+    own = next((d for d in datasets if kind and d.name == kind.target),
+               next(d for d in after if d.before == after[-1].before))
     return {"row": Onset(own.row_at(onset.row), own.row_at(onset.low), own.row_at(onset.high),
                          own.name)}
 

@@ -257,6 +257,8 @@ class EffectKind:
             controller may have it among its anchors' coordinates.
         body: where one that is not of single actuators sits: ``base`` or ``platform``; empty: on
             no body of its own.
+        of_target: data set's name -> the kind for one of several targets on the platform; None:
+            what it does is the same to all. ``target``: of such a kind that name.
     """
 
     name: str
@@ -297,6 +299,8 @@ class EffectKind:
     reversal: Reversal | None = None
     nuisance: bool = False
     height: str = ""
+    of_target: Callable[[str], EffectKind] | None = None
+    target: str = ""
 
     def __post_init__(self) -> None:
         """Refuse a name, column or period that means something else, or nothing (ValueError)."""

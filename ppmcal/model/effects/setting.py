@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -38,6 +38,7 @@ class Shift:
             rotation vector, base axes (N, 6).
         target: of the measured body against the platform, at the platform's origin and in its
             axes (N, 6). Neither moves the machine.
+        targets: the same of one of several targets on the platform, by its data set's name.
     """
 
     slots: Mapping[tuple[int, str], Array] = field(default_factory=dict)
@@ -45,6 +46,7 @@ class Shift:
     stretch: Array | None = None
     frame: Array | None = None
     target: Array | None = None
+    targets: Mapping[str, Array] = field(default_factory=dict)
 
     def take(self, rows: Rows) -> Shift:
         """Return the shift of some rows."""
@@ -54,28 +56,41 @@ class Shift:
         return Shift({s: v[rows] for s, v in self.slots.items()},
                      None if self.pose is None else self.pose[rows], stretch,
                      None if self.frame is None else self.frame[rows],
-                     None if self.target is None else self.target[rows])
+                     None if self.target is None else self.target[rows],
+                     {name: v[rows] for name, v in self.targets.items()})
+
+    def of(self, target: str) -> Shift:
+        """Return the shift as one of several targets has it, by its data set's name."""
+        if not self.targets:
+            return self
+        own = [v for v in (self.target, self.targets.get(target)) if v is not None]
+        return replace(self, target=functools.reduce(np.add, own) if own else None, targets={})
 
     def times(self, factor: float) -> Shift:
         """Return the shift scaled by a number."""
-        return Shift({s: factor * v for s, v in self.slots.items()}, *(
+        pose, stretch, frame, target = (
             None if v is None else factor * v
-            for v in (self.pose, self.stretch, self.frame, self.target)))
+            for v in (self.pose, self.stretch, self.frame, self.target))
+        return Shift({s: factor * v for s, v in self.slots.items()}, pose, stretch, frame, target,
+                     {name: factor * v for name, v in self.targets.items()})
 
 
 def total(shifts: Sequence[Shift]) -> Shift:
     """Return the sum of shifts."""
     slots: dict[tuple[int, str], Array] = {}
+    targets: dict[str, Array] = {}
     for shift in shifts:
         for name, value in shift.slots.items():
             slots[name] = slots[name] + value if name in slots else value
+        for target, value in shift.targets.items():
+            targets[target] = targets[target] + value if target in targets else value
 
     def added(parts: Sequence[Array | None]) -> Array | None:
         known = [p for p in parts if p is not None]
         return functools.reduce(np.add, known) if known else None
 
     return Shift(slots, added([s.pose for s in shifts]), added([s.stretch for s in shifts]),
-                 added([s.frame for s in shifts]), added([s.target for s in shifts]))
+                 added([s.frame for s in shifts]), added([s.target for s in shifts]), targets)
 
 
 @dataclass(frozen=True)
