@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import hashlib
+from functools import cache
 from pathlib import Path
 from typing import TypeGuard
 
@@ -26,7 +27,8 @@ def engine_digest(packages: tuple[str, ...], but: tuple[str, ...] = ()) -> str:
     return hashlib.sha256("\n".join(sorted(found)).encode()).hexdigest()[:12]
 
 
-def pieces_of(source: str) -> set[str]:
+@cache
+def pieces_of(source: str) -> frozenset[str]:
     """Return the syntax trees of a module's statements as texts.
 
     Without docstrings, comments, layout and annotations; of what it imports from the package only
@@ -40,7 +42,7 @@ def pieces_of(source: str) -> set[str]:
         if isinstance(body, list):
             node.body = [  # type: ignore[attr-defined]
                 s for s in body if not (_of_package(s) or _is_text(s))]
-    return aliases | {unparsed(statement) for statement in tree.body}
+    return frozenset(aliases | {unparsed(statement) for statement in tree.body})
 
 
 def _of_package(statement: ast.AST) -> TypeGuard[ast.ImportFrom]:

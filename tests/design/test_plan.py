@@ -142,6 +142,7 @@ def test_updates_of_rank_m_are_what_they_replace(name):
 
 
 @pytest.mark.parametrize("name", MACHINES)
+@pytest.mark.slow_cases("3-RPS")
 def test_excursions_and_repeats(name):
     whole = part(possible(name), np.arange(6))
     rules = Rules(False, None)
@@ -321,6 +322,7 @@ def test_backlash_and_compliance_need_both_ends(name):
     assert bare > 1e3 * held
 
 
+@pytest.mark.slow
 def test_temperature_and_speed_at_both_ends():
     found = settings_of(("leg_thermal", "lag"), temperature=(291.15, 299.15))
     warm = found.columns["temperature"]

@@ -65,6 +65,7 @@ def test_planned_places_tell_more_than_random_ones(chosen):
         assert sigma < np.mean([s[name] for s in strangers]), name
 
 
+@pytest.mark.slow
 def test_predicted_sigmas_are_those_of_a_fit(chosen):
     mechanism = read_mechanism(CONFIGS / "maslow.yaml")
     pose = chosen.offer.pose[chosen.rows]
@@ -76,6 +77,7 @@ def test_predicted_sigmas_are_those_of_a_fit(chosen):
         assert sigma[name] == pytest.approx(value, rel=0.05), name
 
 
+@pytest.mark.slow
 def test_one_distance_fixes_the_scale_where_ratios_are_free(none, tmp_path):
     tree = yaml.safe_load((CONFIGS / "maslow.yaml").read_text())
     for limb in tree["limbs"]:
@@ -115,6 +117,7 @@ def test_ways_of_surplus_limbs_are_those_of_the_platform(name):
     assert moves(mechanism, q[:1], far) != ("",)
 
 
+@pytest.mark.slow
 def test_a_guessed_instrument_says_that_none_is_needed():
     for name, said in (("maslow", True), ("3-RPR", False)):
         mechanism = read_mechanism(CONFIGS / f"{name}.yaml")

@@ -47,6 +47,7 @@ def test_a_pool_is_stopped(tmp_path: Path, name: str, send: str) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_what_the_first_process_ignores_ends_none(tmp_path: Path) -> None:
     """`nohup ppmcal batch ...` goes on in all of its processes when the terminal is closed."""
     code = CODE.format(send="os.killpg", name="SIGHUP")

@@ -438,6 +438,7 @@ def test_a_stiff_part_beside_a_soft_one_is_not_yet_rigid(tmp_path: Path) -> None
     assert np.isfinite(found.stiffness).all()
 
 
+@pytest.mark.slow
 def test_a_joint_that_the_pose_does_not_feel_is_no_spring(tmp_path: Path) -> None:
     """Out of the plane a planar limb gives way without moving the platform in it."""
     path = edited(tmp_path, "3-RPR", stiffness={"joint1": {"z": 10.0, "rx": 1.0}})
@@ -648,6 +649,7 @@ def test_json_is_one_object_and_quiet_is_quiet(tmp_path: Path) -> None:
     assert ppmcal("stiffness", path, *where, "--quiet", cwd=tmp_path, expect=0).out == ""
 
 
+@pytest.mark.slow
 def test_the_default_map_has_41_by_41_poses_about_home(tmp_path: Path) -> None:
     path = edited(tmp_path, "delta-linear", stiffness=PLAIN)
     ppmcal("stiffness", path, cwd=tmp_path, expect=0)

@@ -184,6 +184,7 @@ def test_the_fleet_is_calibrated_as_identify_would(name: str, kind: str) -> None
 
 
 @pytest.mark.parametrize("name", ["cable-4-planar", "stewart-7", "cable-8-pulleys"])
+@pytest.mark.slow_cases("cable-4-planar", "cable-8-pulleys")
 def test_readings_follow_the_platform_and_miss_the_closure_as_asked(name: str) -> None:
     """Joints commanded at which limbs contradict each other, then what their encoders show."""
     one = fleet(name, "pose", 10)
@@ -396,6 +397,7 @@ def test_unknown_tolerances_are_not_drawn_from(tmp_path: Path) -> None:
     assert float(table["leg1.offset"]) > 0.0
 
 
+@pytest.mark.slow
 def test_every_stage_is_judged_at_the_same_point(tmp_path: Path) -> None:
     """Nothing to register: a known frame. Then registering alone changes nothing."""
     (tmp_path / "i.yaml").write_text(
@@ -408,6 +410,7 @@ def test_every_stage_is_judged_at_the_same_point(tmp_path: Path) -> None:
     assert registered["position_rms"] == pytest.approx(built["position_rms"], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_ratios_of_drives_are_weighed_by_their_travel(tmp_path: Path) -> None:
     text = (CONFIGS / "delta-linear.yaml").read_text()
     ratio = "    ratio: {value: -0.0125, tolerance: 1e-6}\n"

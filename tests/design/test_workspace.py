@@ -198,6 +198,7 @@ def test_similar_triangles_are_singular_when_parallel():
     assert found.nearest.edge == pytest.approx(np.radians(31) * scale)
 
 
+@pytest.mark.slow
 def test_distances_settle_as_the_grid_gets_finer():
     mechanism = machine("3-RPR-1")
     coarse, fine = (workspace(mechanism, grid_of(mechanism, count)) for count in (16, 46))
@@ -414,6 +415,7 @@ def test_modes_at_home_on_the_console(tmp_path):
                       tmp_path / "w", "--quiet", expect=0).out
 
 
+@pytest.mark.slow
 def test_findings_about_home(tmp_path):
     outside = edited(tmp_path, "3-RPR", lambda t: t.update(limits={"leg1": [100, 300]}))
     run = ppmcal("workspace", outside, "--grid", "x", "--out", tmp_path / "w", expect=1)
@@ -440,6 +442,7 @@ def test_bad_input(tmp_path, args, words):
     assert words in run.err and not (tmp_path / "w").exists()
 
 
+@pytest.mark.slow
 def test_surplus_ropes_have_no_sign_to_keep(tmp_path):
     """The least singular value in reach is told with its place, which is a row of the map."""
     run = ppmcal("workspace", CONFIGS / "maslow.yaml", "--out", tmp_path / "out", expect=0)

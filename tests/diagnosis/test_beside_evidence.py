@@ -39,6 +39,7 @@ def none(*_: object, **__: object) -> Fit:
     raise NoResult("these rows fit nothing")
 
 
+@pytest.mark.slow
 def test_too_few_rows_to_hold_some_out_are_a_note(geared: Problem,
                                                   monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(naming, "training_part", none)

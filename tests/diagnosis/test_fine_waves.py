@@ -37,6 +37,7 @@ def test_a_screw_of_a_standard_lead_is_named() -> None:
     assert place.hypothesis.constants["period"] == pytest.approx(0.002, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_pitch_that_nobody_listed_is_not_waves_of_other_periods() -> None:
     place, = found(0.0017).places
     assert place.label == FINE + "leg1"

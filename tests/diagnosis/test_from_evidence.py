@@ -67,6 +67,7 @@ def test_rows_left_out_are_predicted_by_geometry_alone_and_by_all_that_may_be_th
     assert "log score" in next((folder / "told").glob("*.html")).read_text()
 
 
+@pytest.mark.slow
 def test_the_page_and_the_commands_use_the_same_probabilities(
         gain: tuple[Path, dict[str, Any]]) -> None:
     folder, found = gain
@@ -77,6 +78,7 @@ def test_the_page_and_the_commands_use_the_same_probabilities(
     assert total == pytest.approx(1.0) if found["sets"] else not found["effects"][0]["alternatives"]
 
 
+@pytest.mark.slow
 def test_nothing_hidden_is_nothing_said(tmp_path: Path) -> None:
     """Through Python; the record says what the diagnosis does."""
     campaign(tmp_path, "none-wrench", "hexapod", 3, 1.0)

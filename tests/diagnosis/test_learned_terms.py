@@ -226,6 +226,7 @@ def test_what_is_learned_is_free_of_what_geometry_does() -> None:
                 0.02 * np.linalg.norm(own.columns @ curve.values))
 
 
+@pytest.mark.slow
 def test_nothing_is_learned_of_noise() -> None:
     """Rows of geometry and noise alone: the term is nothing beside what it may be."""
     fit, seen = _seen()

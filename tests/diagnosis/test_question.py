@@ -66,11 +66,13 @@ def test_a_kind_is_told_apart_by_its_joints_and_the_unknown_is_not() -> None:
     assert where[UNKNOWN_FAMILY] == where[ROW_FAMILY] == {""}
 
 
+@pytest.mark.slow
 def test_nothing_is_found_where_nothing_is() -> None:
     found = posterior(asked("3-RPR", [], 1.0))
     assert not found.best.chosen and found.nothing((ROW_FAMILY,)) > 0.5
 
 
+@pytest.mark.slow
 def test_a_hidden_effect_is_found() -> None:
     found = posterior(asked("3-RPR", ["curvature"], 2.0))
     assert names(found) == ["curvature"]
@@ -89,6 +91,7 @@ def test_what_no_kind_does_is_unknown() -> None:
     assert UNKNOWN_FAMILY in names(found)
 
 
+@pytest.mark.slow
 def test_noise_that_files_want_estimated_is_hardly_known() -> None:
     """Estimated before anything is named, it holds what is missing."""
     found = hide("3-RPR", 7, [], 1.0, Options(poses=30), "all")
@@ -104,6 +107,7 @@ def test_noise_that_files_want_estimated_is_hardly_known() -> None:
         assert {view.start.known, *(b.known for b in view.batches)} == {float(known)}
 
 
+@pytest.mark.slow
 def test_no_family_is_believed_more_than_its_prior() -> None:
     """Proper priors: all forms of a family together have what the table gives it, rows each."""
     found = asked("3-RRR-1", [], 1.0, poses=30)

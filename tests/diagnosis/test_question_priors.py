@@ -52,6 +52,7 @@ def test_frozen_slots_of_one_sort_share_a_prior_and_a_second_of_a_sort_costs_les
     assert prior([first, other]) == pytest.approx(prior([first]) + prior([other]))
 
 
+@pytest.mark.slow
 def test_a_function_that_goes_with_more_is_a_tenth_as_usual_as_a_plain_one() -> None:
     """With the direction of approach, or with a second input; all together have the same prior."""
     system = asked("3-RRR-1", []).system
@@ -121,6 +122,7 @@ def test_an_effect_is_as_often_plain_as_with_what_it_may_have_beside() -> None:
                                                 / (1.0 - float(PLAIN)))
 
 
+@pytest.mark.slow
 def test_special_forms_and_plates_have_a_tenth_of_the_prior_of_their_like() -> None:
     """The families of one plain kind share its 1/50; so do the parts of a plate."""
     found = asked("delta-linear", [], poses=20)

@@ -99,6 +99,7 @@ def test_each_session_is_predicted_by_a_fit_of_the_other(tmp_path: Path) -> None
     assert rms == pytest.approx(np.sqrt(np.mean(squares)), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_session_column_splits_a_file(tmp_path: Path) -> None:
     simulate(tmp_path, "3-RPR", [], count=20, errors=ERRORS)
     table = rows(tmp_path / DATA)

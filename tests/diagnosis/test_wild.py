@@ -302,6 +302,7 @@ def reflected(folder: Path) -> set[int]:
 CORNER = r"100% of them have x above [\d.]+ mm and y up to [\d.]+ mm"
 
 
+@pytest.mark.slow
 def test_identify_tells_the_corner_where_rows_are_wrong(tmp_path: Path) -> None:
     """Those rows and no other."""
     moved = reflected(tmp_path)

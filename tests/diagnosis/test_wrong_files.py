@@ -23,11 +23,13 @@ def of_two(other: int) -> Problem:
 
 
 @pytest.mark.parametrize(("other", "gone"), [(8, frozenset({"more"})), (7, frozenset())])
+@pytest.mark.slow
 def test_a_file_of_another_machine_is_told(other: int, gone: frozenset[str]) -> None:
     fit = identify(with_whole_rows(of_two(other)), FitOptions())
     assert wrong_files(explained(fit, FitOptions())[-1]) == gone
 
 
+@pytest.mark.slow
 def test_nothing_is_named_because_of_it() -> None:
     found = diagnose(of_two(8), DiagnosisOptions())
     fit = found.identification.fit

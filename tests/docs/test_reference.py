@@ -99,6 +99,7 @@ def test_every_public_name_has_a_docstring_and_a_place_on_the_page():
                 assert f"{parameter}`" in told, f"{name}: {parameter} is not described"
 
 
+@pytest.mark.slow
 def test_every_limb_kind_has_its_section():
     page = kinds.limb_page()
     for kind in limb_kinds().values():
@@ -108,6 +109,7 @@ def test_every_limb_kind_has_its_section():
     assert len(set(anchors)) == len(anchors)
 
 
+@pytest.mark.slow
 def test_every_effect_is_in_the_table_and_has_its_section_and_example():
     sections = kinds.effect_sections()
     table = [line for line in EFFECTS_PAGE.splitlines() if line.startswith("| ")]

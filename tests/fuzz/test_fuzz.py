@@ -27,6 +27,7 @@ def well(name, data):
 @pytest.mark.parametrize(("name", "path"), [
     pytest.param(name, path, id=f"{name}-{path.name}") for name, path in crashes()
     if name != "campaign"])
+@pytest.mark.slow_cases("sheet-12750f2b0806")
 def test_what_failed_once(name, path):
     if name not in READERS:
         pytest.skip(f"what reads {name} is not installed")
@@ -40,6 +41,7 @@ def test_good_inputs_are_read(name):
 
 
 @pytest.mark.parametrize("name", READERS)
+@pytest.mark.slow_cases("sheet")
 def test_changed_inputs(name):
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -18,6 +18,7 @@ def chance(hits: int, rows: int, share: np.ndarray) -> float:
 
 @pytest.mark.parametrize(("hits", "inside", "count", "total"), [
     (4, 10, 5, 60), (8, 15, 9, 120), (2, 5, 2, 30)])
+@pytest.mark.slow
 def test_shares_are_integrated(hits: int, inside: int, count: int, total: int) -> None:
     rng, often = np.random.default_rng(1), 4_000_000
     any_, usual = rng.uniform(size=often), rng.beta(1.0, 1.0 / GROSS_ROW.value - 1.0, size=often)

@@ -149,6 +149,7 @@ def of_no_prior(asked: Question) -> float:
         replace(block, log_prior=0.0) for block in asked.blocks)))
 
 
+@pytest.mark.slow
 def test_a_candidate_that_drops_the_row_it_misses_breaks_the_bound() -> None:
     rate, most = exceeded(every_row, 60, seed=3)
     assert rate <= most

@@ -100,6 +100,7 @@ def uncommented(name: str, tmp_path: Path, line: str) -> Mechanism:
     return read_mechanism(path)
 
 
+@pytest.mark.slow
 def test_every_kind_has_a_file() -> None:
     used = {limb.kind.name for name in NAMES for limb in load(name).mechanism.limbs}
     assert used == set(kinds())

@@ -103,6 +103,7 @@ def copies(data):
     return [row for row, reason in data.dropped if reason == REASON]
 
 
+@pytest.mark.slow
 def test_twenty_copies_are_one_row(bench, tmp_path):
     plain = measured(bench)
     path = written(bench, [r for r in plain for _ in range(TIMES)])
@@ -268,6 +269,7 @@ def test_a_file_given_twice_under_two_names_is_refused(bench):
     assert "again.csv" in run.err and "only once" in " ".join(run.err.split())
 
 
+@pytest.mark.slow
 def test_diagnose_says_it_too_and_its_noise_is_that_of_rows_counted_once(bench, tmp_path):
     path = written(bench, [r for r in measured(bench) for _ in range(3)])
     found = ppmcal("diagnose", bench / "mine.yaml", path, "--out", tmp_path / "d", "--json").json
@@ -449,6 +451,7 @@ def test_honest_heights_of_another_day_are_no_copies(printer, seed):
 
 
 @pytest.mark.parametrize("lines", [["a,b"], ["1,2", "1"], ["1e999,1"], [""], ["nan,nan"], []])
+@pytest.mark.slow_cases("lines0")
 def test_rows_in_a_record_that_are_none_do_no_harm(bench, calibrated, tmp_path, lines):
     record = json.loads((calibrated / "identification.json").read_text())
     record["known_rows"][0] |= {"rows": lines, "columns": ["x", "y"]}

@@ -285,6 +285,7 @@ def test_cells_that_only_look_like_numbers(tmp_path, cell):
         dataset(tmp_path, f"q_leg1,q_leg2,q_leg3,x,y,rz\n1,2,3,4,5,6\n1,2,3,4,{cell},6\n")
 
 
+@pytest.mark.slow
 def test_many_rows_are_fast(tmp_path):
     rng = np.random.default_rng(3)
     columns = [rng.normal(size=100_000) for _ in range(12)]

@@ -119,6 +119,7 @@ def test_every_result_has_a_schema(name):
     assert schema["properties"]["format"] and schema["description"]
 
 
+@pytest.mark.slow
 def test_what_is_written_is_right_by_its_schema():
     sample = ROOT / "sample_data"
     fit = face.identify(sample / "hexapod.yaml", sample / "measurements.csv")

@@ -279,6 +279,7 @@ def test_joints_do_not_share_a_column_of_commands(tmp_path):
         edited(tmp_path, "bench", ("name: leg2", "name: leg1_nominal"))
 
 
+@pytest.mark.slow
 def test_importing_needs_no_scipy():
     import subprocess
     import sys

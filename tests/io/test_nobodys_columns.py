@@ -47,6 +47,7 @@ def test_they_are_left_alone_and_named(tmp_path: Path) -> None:
     assert data.columns.keys() == bare.columns.keys()
 
 
+@pytest.mark.slow
 def test_check_identify_and_read_agree(tmp_path: Path) -> None:
     path = with_columns(tmp_path, STRANGE)
     for words in (("check", MACHINE, path), ("identify", MACHINE, path, "--out", tmp_path / "out"),

@@ -183,6 +183,7 @@ def test_names_may_tell_the_target_alone(tmp_path: Path) -> None:
         ppmcal.read(files, MACHINE, names="T{i}")
 
 
+@pytest.mark.slow
 def test_points_that_do_not_follow_are_not_blamed_alone(tmp_path: Path) -> None:
     """What else may be the matter is said: other targets, an offset that is given."""
     files = moving(tmp_path, "name")

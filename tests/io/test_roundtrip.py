@@ -169,6 +169,7 @@ def mechanism_trees(draw):
 
 @SETTINGS
 @given(tree=mechanism_trees())
+@pytest.mark.slow
 def test_mechanisms_read_back_equal(tmp_path, tree):
     path = tmp_path / "m.yaml"
     path.write_text(dump_yaml(tree), encoding="utf-8")
@@ -276,6 +277,7 @@ junk = st.one_of(st.binary(max_size=4), st.sampled_from(
 @settings(max_examples=200, deadline=None,
           suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(name=st.sampled_from(sorted(TEXTS)), data=st.data())
+@pytest.mark.slow
 def test_no_bytes_give_a_traceback(tmp_path, name, data):
     text = TEXTS[name]
     for _ in range(data.draw(st.integers(1, 3))):

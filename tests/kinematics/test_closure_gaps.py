@@ -29,6 +29,7 @@ def contradicting(mechanism, size=1e-4):
 
 
 @pytest.mark.parametrize("tree", [cables, stewart, belts], ids=lambda t: t.__name__)
+@pytest.mark.slow_cases("stewart")
 def test_the_pose_is_that_of_weighted_least_squares(tree, tmp_path):
     """SciPy's minimum of squared gaps, which are distances, over what each may be."""
     mechanism = machine(tmp_path, gapped(tree()))
@@ -56,6 +57,7 @@ def test_the_pose_is_that_of_weighted_least_squares(tree, tmp_path):
 
 
 @pytest.mark.parametrize("tree", [cables, stewart], ids=lambda t: t.__name__)
+@pytest.mark.slow_cases("stewart")
 def test_gaps_of_next_to_nothing_leave_the_pose_of_the_drives_noise(tree, tmp_path):
     mechanism = machine(tmp_path, gapped(tree(), (1e-8, 3e-8)))
     q = contradicting(mechanism)

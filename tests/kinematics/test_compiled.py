@@ -300,6 +300,7 @@ def test_a_user_without_a_home_compiles_without_keeping(monkeypatch: pytest.Monk
         compilation._folder.cache_clear()
 
 
+@pytest.mark.slow
 def test_few_rows_and_help_do_not_import_the_compiler() -> None:
     code = ("import sys, numpy as np, ppmcal\n"
             "from ppmcal.kinematics.closure import Model\n"

@@ -84,6 +84,7 @@ def test_rows_from_home_come_to_the_same_poses(rows, monkeypatch):
     np.testing.assert_allclose(fast.pose, plain.pose, atol=1e-10)
 
 
+@pytest.mark.slow_cases("pulleys")
 def test_rows_in_another_minimum_are_found_alike(rows, monkeypatch):
     model, q, there = rows
     off = there.copy()
@@ -132,6 +133,7 @@ def test_limbs_that_share_a_drive_have_no_compiled_form(tmp_path, monkeypatch):
     assert compiled_limbs.compiled_limbs(Model(mechanism).closure(q), COUNT) is None
 
 
+@pytest.mark.slow
 def test_far_rows_are_not_taken_for_beyond_a_singularity():
     """Eight cables: joints that move in proportion contradict each other between far-off poses.
 

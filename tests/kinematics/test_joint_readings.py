@@ -55,6 +55,7 @@ def value(model: Model, q: Array, pose: Array, at: str) -> Array:
 
 
 @pytest.mark.parametrize("name", MACHINES)
+@pytest.mark.slow_cases("(P)US base")
 def test_derivatives_are_those_of_differences(name: str) -> None:
     mechanism = MACHINES[name]
     model = Model(mechanism)

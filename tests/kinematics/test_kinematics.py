@@ -435,6 +435,7 @@ def led(base: Array, platform: Array, pose: Array, start: Array, end: Array, ste
     return pose, float(least)
 
 
+@pytest.mark.slow
 def test_a_jump_of_the_assembly_mode_is_marked() -> None:
     """A 3-R(P)R with cusps changes its assembly mode without meeting a singularity.
 

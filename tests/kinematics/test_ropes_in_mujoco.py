@@ -51,8 +51,8 @@ def lengths(anchors, hooks, poses):
     return np.array(out)
 
 
-@pytest.mark.slow_cases("rope_cage")
 @pytest.mark.parametrize("tree", [belts, rope_cage], ids=lambda t: t.__name__)
+@pytest.mark.slow
 def test_lengths_of_another_simulator_calibrate_the_machine(tree, tmp_path):
     """Poses of which no row tells come out to less than 1e-9 m, in frames laid together."""
     file = tree()

@@ -356,8 +356,8 @@ def test_gimbal_lock_is_a_note_not_a_warning(hexapod):
     assert float(row["euler_3"]) == 0.0 and float(row["euler_1"]) == pytest.approx(10.0, abs=1e-6)
 
 
-@pytest.mark.slow_cases("euler-xyz")
 @pytest.mark.parametrize("rotation", ["rotvec", "euler-xyz"])
+@pytest.mark.slow
 def test_open_coordinates_of_the_tool_are_filled_in(tmp_path, rotation):
     (tmp_path / "m.yaml").write_text(machines.plain_text("R(P)S"))
     names = ["x", "y", "z", *(["rx", "ry", "rz"] if rotation == "rotvec" else

@@ -162,6 +162,7 @@ def test_linear_problem_of_files(bench: Path) -> None:
                              if c.kind in ("gain", "curvature"))
 
 
+@pytest.mark.slow
 def test_command_scores_and_goes_on(bench: Path, tmp_path: Path, capsys) -> None:
     """What was answered before stands; a submission is scored as the run was."""
     asked = ["--truth", str(bench / "truth"), "--data", str(bench), "--out", str(tmp_path / "out"),

@@ -183,6 +183,7 @@ def test_truth_tables_of_the_project() -> None:
     assert NAMES == ("ppmcal", "bic", "sindy", "gp", "split")
 
 
+@pytest.mark.slow
 def test_the_guide_has_the_table_of_this_engine() -> None:
     """Or says that there is none; every line's outcomes are as many as its cases."""
     text = (ROOT / "docs/labelled-benchmark.md").read_text(encoding="utf-8")

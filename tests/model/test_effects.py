@@ -766,6 +766,7 @@ def test_forward_table_with_effects(name: str) -> None:
     np.testing.assert_allclose(table.pose, pose_vector(reached), rtol=0.0, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_the_way_back_with_soft_drives_and_all_else() -> None:
     """Deflections of centimetres and six further effects, open coordinates solved for."""
     for name in ("6-UPS", "3-RPS"):

@@ -121,6 +121,7 @@ def test_touches_need_a_height() -> None:
     PLANE.refuse(SCHOENFLIES, 0, "a.yaml")
 
 
+@pytest.mark.slow
 def test_an_instrument_of_another_package(tmp_path: Path) -> None:
     """That of the page: simulated, checked, fitted, planned for; no line here knows it."""
     site = install(tmp_path / "site", "workshop_instrument", block("Add an instrument"), {

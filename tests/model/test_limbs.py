@@ -158,6 +158,7 @@ def test_slot_derivatives_are_those_of_the_matrix_chain(kind: str, shifted: bool
 
 @each
 @at_both
+@pytest.mark.slow_cases("perturbed-(R)US")
 def test_joint_and_pose_derivatives_are_those_of_the_matrix_chain(kind: str, shifted: bool
                                                                   ) -> None:
     model, q, pose = sample(kind, shifted)

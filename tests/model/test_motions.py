@@ -156,6 +156,7 @@ def test_a_five_bar_is_identified_and_compensated(five_bar: Path) -> None:
         assert (number(row, "x"), number(row, "y")) == pytest.approx((x, y), abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_five_bars_assembly_modes_are_the_two_points_of_two_circles(five_bar: Path) -> None:
     ppmcal("workspace", "m.yaml", "--out", "w", cwd=five_bar, expect=None)
     modes = rows(five_bar / "w" / "modes.csv")
@@ -190,6 +191,7 @@ SLIDER_CRANK = FIVE_BAR.replace("planar-point", "along-a-rail").replace(
     "{x: 0, y: 170}", "{x: 150}")
 
 
+@pytest.mark.slow
 def test_a_motion_of_another_package(tmp_path: Path) -> None:
     """A crank that drives a carriage along x: one coordinate, one limb."""
     site = install(tmp_path / "site", "workshop_rail", (

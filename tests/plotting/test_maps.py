@@ -115,6 +115,7 @@ def test_no_numbers_break_a_picture(case, shape, log):
 @pytest.mark.parametrize(("shape", "log"), [((2,), False), ((1, 4), True), ((4, 1), False),
                                             ((1, 1), False), ((2, 2), False), ((3, 2, 2), False),
                                             ((2, 2, 10), True)])
+@pytest.mark.slow_cases("shape4-False")
 def test_no_shape_breaks_a_picture(shape, log):
     for case in ("one", "wild"):
         check_picture(strange((4, 4))[case], shape, log)
@@ -304,6 +305,7 @@ def test_ranges_ticks_and_words():
     assert plain("a $5\n b") == "a $5 b"
 
 
+@pytest.mark.slow
 def test_pictures_leave_no_state_and_need_no_display():
     code = ("import sys, numpy as np, matplotlib\n"
             "from ppmcal.plotting.curves import draw_curves\n"

@@ -222,6 +222,7 @@ def test_other_columns_of_the_rows_are_told(fit, tmp_path):
     assert "temperature: 21.5" in known["0:run:5"] and "x 4.0000 mm" in known["0:run:5"]
 
 
+@pytest.mark.slow
 def test_many_rows_stay_small_and_the_largest_can_be_found(tmp_path):
     size = 10_000
     folder = write_fit(tmp_path / "big", identification(), size)

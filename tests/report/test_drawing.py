@@ -47,6 +47,7 @@ def scene_in(page):
 
 
 @pytest.mark.parametrize("name", [*CONFIGS, *KINDS])
+@pytest.mark.slow_cases("cable-8-pulleys")
 def test_every_machine_is_drawn_with_all_its_limbs(name):
     machine = config(name) if name in CONFIGS else plain(name)
     scene = scene_of(name)
@@ -195,6 +196,7 @@ def test_the_page_needs_no_network():
 # --- the command --------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_check_draws_and_says_where(tmp_path):
     ppmcal("init", "3-RPS", "--out", "mine.yaml", cwd=tmp_path, expect=0)
     plain_run = ppmcal("check", "mine.yaml", "--json", cwd=tmp_path, expect=0).json
@@ -209,6 +211,7 @@ def test_check_draws_and_says_where(tmp_path):
     assert [p.name for p in (tmp_path / "new").iterdir()] == ["machine.html"]
 
 
+@pytest.mark.slow
 def test_no_input_and_nothing_foreign_is_replaced(tmp_path):
     ppmcal("init", "3-RPR", "--out", "base.yaml", cwd=tmp_path, expect=0)
     (tmp_path / "mine.yaml").write_text(yaml.safe_dump({"extends": "base.yaml"}))

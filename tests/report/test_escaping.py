@@ -73,6 +73,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_report_shows_names_as_text(desk: Path) -> None:
     ppmcal("report", "identified", "compensated", "<b>kin", "sensitivity", cwd=desk)
     page = (desk / "report" / "report.html").read_text()
@@ -87,6 +88,7 @@ def test_the_drawing_shows_names_as_text(desk: Path) -> None:
     assert "alert(1)" in page
 
 
+@pytest.mark.slow
 def test_a_notebook_shows_names_as_text(desk: Path) -> None:
     machine = face.load(desk / "mine.yaml")
     for result in (face.inverse(machine, desk / "poses.csv"),

@@ -286,6 +286,7 @@ def test_moved_zeros_unchecked_rows_and_flats(folders: Path, tmp_path: Path) -> 
         assert piece in text, piece
 
 
+@pytest.mark.slow
 def test_all_on_one_page(folders: Path) -> None:
     dirs = [folders / d for d in ("idA", "idB", "cmp", "grid", "lean", "fit")]
     html, _ = page(*dirs)

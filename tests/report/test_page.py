@@ -423,6 +423,7 @@ def test_headers_without_rows_are_fine(tmp_path: Path) -> None:
     to_json(data)
 
 
+@pytest.mark.slow
 def test_large_data_are_thinned(tmp_path: Path) -> None:
     rows = 30_000
     write_fit(tmp_path / "big", identification(), rows)

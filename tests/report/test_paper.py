@@ -80,6 +80,7 @@ EVERY = ("fit1", "validated", "compared", "path", "sent", "sim1")
 
 @pytest.mark.parametrize(("width", "folders"), [(84.0, EVERY), (174.0, ("fit1",))],
                          ids=["one column", "two columns"])
+@pytest.mark.slow
 def test_pdf_is_as_wide_as_asked_with_embedded_fonts_and_letters_of_seven_to_eight_points(
         desk: Path, width: float, folders: tuple[str, ...]) -> None:
     found = figures(desk, *folders, "--width", f"{width:g}mm")
@@ -94,6 +95,7 @@ def test_pdf_is_as_wide_as_asked_with_embedded_fonts_and_letters_of_seven_to_eig
         assert {7.0 <= size <= 8.01 for size in letters_of(pdf)} == {True}
 
 
+@pytest.mark.slow
 def test_svg_is_xml_with_text_and_the_same_shapes_and_png_has_its_size(desk: Path) -> None:
     for form in ("svg", "png"):
         found = figures(desk, "fit1", "--format", form, out=form)
@@ -116,6 +118,7 @@ def test_svg_is_xml_with_text_and_the_same_shapes_and_png_has_its_size(desk: Pat
                     assert picture.width / dots * 25.4 == pytest.approx(84.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_the_same_bytes_come_twice_from_another_process(desk: Path) -> None:
     first = {n: p.read_bytes() for n, p in figures(desk, "fit1").items()}
     ppmcal_process("figures", "fit1", "--out", "again", cwd=desk, expect=0)
@@ -126,6 +129,7 @@ def test_the_same_bytes_come_twice_from_another_process(desk: Path) -> None:
     assert "again" in run.out
 
 
+@pytest.mark.slow
 def test_page_and_files_have_the_same_drawings(desk: Path) -> None:
     """Each kind declares its drawings once."""
     data = collect([desk / f for f in EVERY])
@@ -138,6 +142,7 @@ def test_page_and_files_have_the_same_drawings(desk: Path) -> None:
     assert sorted(shown) == sorted(titles) and len(titles) > 15
 
 
+@pytest.mark.slow
 def test_names_captions_and_only(desk: Path) -> None:
     found = figures(desk, "fit1", "--only", "machine", "--only", "residual-of-?-*", "--only",
                     "errors")

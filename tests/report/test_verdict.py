@@ -223,6 +223,7 @@ def test_what_to_do_next_suits_the_machine(tmp_path, monkeypatch, shipped, told)
     assert re.findall(r"ppmcal ((?:export )?\w+)", verdict.lines[2].text) == told
 
 
+@pytest.mark.slow
 def test_a_printer_gets_the_numbers_of_its_firmware(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copy(ROOT / "sample_data" / "printer" / "printer.cfg", "printer.cfg")
