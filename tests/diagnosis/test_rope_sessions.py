@@ -53,9 +53,8 @@ def days(tmp_path_factory):
 
 
 @pytest.mark.parametrize(("machine", "cause", "eta", "seed"), [
-    ("belts", "homed", 1.0, 902), ("belts", "homed", 0.5, 901), ("cables", "homed", 0.5, 904),
-    ("belts", "pulled", 1.0, 900), ("cables", "pulled", 0.5, 905),
-    ("belts", "elastic", 0.5, 903), ("cables", "elastic", 1.0, 901)])
+    ("belts", "homed", 0.5, 901), ("cables", "homed", 0.5, 904), ("belts", "pulled", 1.0, 900),
+    ("cables", "pulled", 0.5, 905), ("cables", "elastic", 1.0, 901)])
 @pytest.mark.slow
 def test_what_is_hidden_is_named(machine, cause, eta, seed, tmp_path):
     found = told(tmp_path, machine, cause, eta, seed)
