@@ -13,7 +13,9 @@ not seen.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -31,6 +33,7 @@ from ppmcal.kinematics.tables import (
 )
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.units import ByCoordinate, Key, OfUnit
 from ppmcal.wording.progress import stage
 
 ON_CURVE = 1e-5
@@ -49,13 +52,15 @@ CLOSER = {2: 33, 3: 13}
 class Nearest:
     """The singular pose nearest to home on the grid.
 
-    ``distance``: m, or rad where all coordinates are rotations; ``pose`` (6,); ``edge``: how far
-    home is from the end of the grid, beyond which nothing is known.
+    ``distance``: of the quantity ``unit``, an angle where all coordinates are rotations; ``pose``:
+    by the machine's coordinates; ``edge``: how far home is from the end of the grid, beyond which
+    nothing is known.
     """
 
-    distance: float
-    pose: Array
-    edge: float
+    distance: OfUnit[float]
+    unit: str
+    pose: ByCoordinate[Mapping[str, float]]
+    edge: Annotated[OfUnit[float], Key("grid_ends_at")]
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +113,11 @@ class Workspace:
     @property
     def distance_quantity(self) -> str:
         """Whether distances are a ``length`` or an ``angle``."""
-        return "angle" if all(c >= 3 for c in self.grid.coordinates) else "length"
+        return _distance_quantity(self.grid)
+
+
+def _distance_quantity(grid: Grid) -> str:
+    return "angle" if all(c >= 3 for c in grid.coordinates) else "length"
 
 
 @stage("mapping the workspace")
@@ -251,7 +260,7 @@ def _to_the_end(grid: Grid, points: Array, weights: Array) -> Array:
 
 def _weights(mechanism: Mechanism, grid: Grid) -> Array:
     """Return what one unit of each of the grid's coordinates counts in a distance (c,)."""
-    if all(c >= 3 for c in grid.coordinates):
+    if _distance_quantity(grid) == "angle":
         return np.ones(len(grid.coordinates))
     return np.array([1.0 if c < 3 else mechanism.length_scale for c in grid.coordinates])
 
@@ -278,8 +287,10 @@ def _nearest(space: _GridSpace, grid: Grid, points: Array) -> Nearest | None:
             for b, s, level in zip(best, steps, grid.levels, strict=True)))
         more = _singular_points(space, small, space.at(small.points).determinant)
         best = closest(np.concatenate([best[None], more]))
-    return Nearest(float(np.linalg.norm((best - home) * weights)), space.poses(best[None])[1][0],
-                   max(edge, 0.0))
+    pose = space.poses(best[None])[1][0]
+    return Nearest(float(np.linalg.norm((best - home) * weights)), _distance_quantity(grid),
+                   dict(zip(mechanism.coordinates, pose[list(mechanism.dof)].tolist(),
+                            strict=True)), max(edge, 0.0))
 
 
 __all__ = ["Nearest", "Quality", "Workspace", "workspace"]

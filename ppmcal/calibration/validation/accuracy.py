@@ -60,7 +60,7 @@ class Contribution:
     distribution: str
     standard: Length[Finite]
     degrees: Finite
-    sensitivity: Finite = 1.0
+    sensitivity: OrNull[Finite] = 1.0
     part: Length[Finite] = field(init=False, default=math.nan)
     note: str = ""
 

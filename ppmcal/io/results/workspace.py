@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 
-from ppmcal.design.workspace import Workspace
+from ppmcal.design.workspace import Nearest, Workspace
 from ppmcal.io.results.design import ShownTable
 from ppmcal.io.results.parts import Range
 from ppmcal.io.results.record import Flag, Part, PlainCell, Record, Shown, Text, Whole
@@ -27,7 +27,7 @@ from ppmcal.io.results.workspace_tables import (
 from ppmcal.io.results.workspace_wording import assembly_modes, findings, reach, singularities
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.store.provenance import Provenance
-from ppmcal.units import ByCoordinate, Key, Length, OfUnit
+from ppmcal.units import Key, Length
 
 MEANING = {
     "condition": "smallest singular value of A, rotation columns divided by length_scale",
@@ -42,15 +42,6 @@ MEANING = {
     "determinant": "det A, home = 1; 0 on the singular curve, negative beyond it",
 }
 """What the columns of map.csv are."""
-
-
-class SingularPose(Part):
-    """The singular pose nearest to home; ``grid_ends_at``: distance to the end of the grid."""
-
-    distance: OfUnit[Shown | None] = None
-    unit: Text = ""
-    pose: ByCoordinate[Mapping[str, Shown | None]] = field(default_factory=dict)
-    grid_ends_at: OfUnit[Shown | None] = None
 
 
 class ModeCount(Part):
@@ -98,7 +89,7 @@ class WorkspaceRecord(Record):
     home: Mapping[str, PlainCell] = field(default_factory=dict)
     searched: Annotated[Flag, Key("singular.searched")] = False
     singular_poses: Annotated[Whole, Key("singular.points")] = 0
-    nearest: Annotated[SingularPose | None, Key("singular.nearest_to_home")] = None
+    nearest: Annotated[Nearest | None, Key("singular.nearest_to_home")] = None
     modes: tuple[ModeCount, ...] = ()
     summary: Annotated[tuple[Text, ...], Key("said")] = ()
     findings: tuple[Text, ...] = ()
@@ -125,7 +116,7 @@ class WorkspaceRecord(Record):
             home={"condition": home.singular_value[0], "dexterity": home.dexterity[0],
                   "dexterity_legs": home.legs[0], "determinant": np.sign(home.determinant[0]),
                   "outside_limits": found.home_limits or None},
-            searched=found.searched, singular_poses=len(found.singular), nearest=_nearest(found),
+            searched=found.searched, singular_poses=len(found.singular), nearest=found.nearest,
             modes=tuple(ModeCount.of(r) for r in rows),
             summary=(*reach(found), *singularities(found), *assembly_modes(found, rows)),
             findings=tuple(findings(found, rows)),
@@ -140,14 +131,6 @@ class WorkspaceRecord(Record):
     def files(self, found: Workspace, rows: Sequence[ModeRow]) -> dict[str, str]:
         """Return file name -> text of everything but the pictures."""
         return {**csv_files(found, rows), self.FILE: self.text()}
-
-
-def _nearest(found: Workspace) -> SingularPose | None:
-    """Return the singular pose nearest to home, file units, None where the grid has none."""
-    near, machine = found.nearest, found.mechanism
-    return None if near is None else SingularPose.filled(
-        near, machine.units, unit=found.distance_quantity, grid_ends_at=near.edge,
-        pose=dict(zip(machine.coordinates, near.pose[list(machine.dof)], strict=True)))
 
 
 def _axes(found: Workspace) -> dict[str, Range]:

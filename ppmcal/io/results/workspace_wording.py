@@ -57,11 +57,12 @@ def singularities(found: Workspace) -> list[str]:
     units, quantity = found.mechanism.units, found.distance_quantity
     scale = units.words(found.mechanism.length_scale, "length")
     mixed = len({c >= 3 for c in found.grid.coordinates}) > 1
-    count = len(found.singular)
+    count, pose = len(found.singular), np.zeros(6)
+    pose[list(found.mechanism.dof)] = list(near.pose.values())
     out = ["Nearest singularity to home on this grid: "
            + units.words(near.distance, quantity)
            + (f" (rotations times {scale})" if mixed else "")
-           + f", at {_place(found, near.pose)}; {count} singular "
+           + f", at {_place(found, pose)}; {count} singular "
            f"pose{'' if count == 1 else 's'} in singular.csv."]
     unsure = int((found.reached & ~found.sure).sum())
     if unsure:
