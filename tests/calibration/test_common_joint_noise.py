@@ -14,6 +14,7 @@ import ppmcal
 from ppmcal.calibration.fit.fit_result import posterior
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.sessions.session_posteriors import session_knowledge
 
 FITS, JOINT = 24, 0.05
 LEVEL = 0.001
@@ -130,6 +131,25 @@ def test_rows_of_a_tracker_are_white_together(tmp_path: Path) -> None:
         raw = 1e3 * np.concatenate([g.raw[n] for g in given])
         white = np.concatenate([g.residual[n] for g in given])
         assert white == pytest.approx(root @ raw, rel=1e-3, abs=1e-3 * np.abs(white).max())
+
+
+def test_what_a_campaign_knows_has_no_order_of_targets(tmp_path: Path) -> None:
+    """Rows are white one target after the other: which is first says nothing of the machine."""
+    seen = measured(5, rows=25, joint=JOINT, slots=("offset",))
+    information, residuals = list[np.ndarray](), list[dict[str, np.ndarray]]()
+    for names in (tuple(MARKS), tuple(reversed(MARKS))):
+        found = problem(tmp_path, [wide(tmp_path, replace(
+            seen, marks={n: seen.marks[n] for n in names}), joint=JOINT)])
+        known = session_knowledge(identify(found))
+        columns = [found.mechanism.names[p] for p in found.free] + list(known.names)
+        own = [columns.index(n) for n in sorted(columns) if not n.startswith("scale")]
+        information.append((known.matrix.T @ known.matrix)[np.ix_(own, own)])
+        residuals.append({s.name: s.rest for s in known.sights})
+    size = np.abs(information[0]).max()
+    assert information[1] == pytest.approx(information[0], rel=1e-4, abs=1e-6 * size)
+    for name, residual in residuals[0].items():
+        assert residuals[1][name] == pytest.approx(residual, rel=1e-4,
+                                                   abs=1e-4 * np.abs(residual).max())
 
 
 def test_a_row_that_is_left_out_is_not_given(tmp_path: Path) -> None:
