@@ -14,6 +14,7 @@ import ppmcal
 from ppmcal.calibration.fit.fit_result import posterior
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.fit.registration_freedoms import odds_of_opening
 from ppmcal.calibration.sessions.session_posteriors import session_knowledge
 
 FITS, JOINT = 24, 0.05
@@ -150,6 +151,26 @@ def test_what_a_campaign_knows_has_no_order_of_targets(tmp_path: Path) -> None:
     for name, residual in residuals[0].items():
         assert residuals[1][name] == pytest.approx(residual, rel=1e-4,
                                                    abs=1e-4 * np.abs(residual).max())
+
+
+def test_what_may_be_open_has_no_order_of_targets(tmp_path: Path) -> None:
+    """Columns of one target are in the rows of those that come after it, too."""
+    seen = measured(5, rows=25, joint=JOINT, slots=("offset",))
+    seen.marks["T2"][:, 0] += 0.05
+    odds = list[dict[str, float]]()
+    for names in (tuple(MARKS), tuple(reversed(MARKS))):
+        path = wide(tmp_path, replace(seen, marks={n: seen.marks[n] for n in names}), joint=JOINT)
+        side = path.with_suffix(".yaml")
+        text = side.read_text()
+        for name in names:
+            text = text.replace(f"{name}: unknown", f"{name}: {list(MARKS[name])}")
+        side.write_text(text)
+        fit = identify(problem(tmp_path, [path]))
+        found = odds_of_opening(fit.problem, fit.state, fit.keep, fit.prior,
+                                [(i, "target") for i in range(3)])
+        odds.append(dict(zip(names, found.tolist(), strict=True)))
+    assert odds[1] == pytest.approx(odds[0], rel=1e-4)
+    assert max(odds[0], key=odds[0].__getitem__) == "T2"
 
 
 def test_a_row_that_is_left_out_is_not_given(tmp_path: Path) -> None:
