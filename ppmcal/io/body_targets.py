@@ -38,11 +38,15 @@ BETWEEN = "[ _.-]?"
 
 @dataclass(frozen=True)
 class TargetPart:
-    """What a wide file has of one target: a table as if it were the only one."""
+    """What a wide file has of one target: a table as if it were the only one.
+
+    ``columns``: header -> our column, of those that are its own.
+    """
 
     target: str
     table: Table
     file: SidecarFile
+    columns: Mapping[str, str]
 
 
 def naming_columns(read: ReadFile) -> list[str]:
@@ -60,7 +64,7 @@ def named_targets(table: Table, file: SidecarFile, side: str) -> tuple[Table, Si
         BadInput: a name that the sidecar does not have or the file does not, a cell without one,
             or rows that are to be shifted.
     """
-    header = _naming(table, file.read)
+    header = naming(table, file.read)
     if header is None:
         return None
     place = f"{side}: targets"
@@ -94,7 +98,7 @@ def _reading(file: SidecarFile, **changed: Any) -> SidecarFile:
     return file.model_copy(update={"read": file.read.model_copy(update=changed)})
 
 
-def _naming(table: Table, read: ReadFile) -> str | None:
+def naming(table: Table, read: ReadFile) -> str | None:
     """Return the header of the column that names targets, None without one."""
     given = naming_columns(read)
     if given:
@@ -128,7 +132,7 @@ def wide_parts(table: Table, file: SidecarFile, mechanism: Mechanism) -> list[Ta
         names = {h: columns.get(h, "") + h[len(bare_name(h)):] if h in columns else h
                  for h in table.header if h in columns or h not in every}
         out.append(TargetPart(name, table.named(names), _reading(
-            file, **_read_of(table, read, columns, every))))
+            file, **_read_of(table, read, columns, every)), columns))
     return out
 
 

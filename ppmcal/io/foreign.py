@@ -126,10 +126,14 @@ def _understood(made: Recording, mechanism: Mechanism, read: ReadFile, side: str
     """Return a table under our own names."""
     known, table = {*known_columns(mechanism, kind), *MATRIX}, made.table
     mine = _of_file(read, table)
-    columns, findings = header_columns(table, mine, mechanism, side, kind)
+    # which target a row is of is no measurement
+    marks = mine.columns.get("target")
+    measured = mine.model_copy(update={
+        "columns": {k: v for k, v in mine.columns.items() if k != "target"}})
+    columns, findings = header_columns(table, measured, mechanism, side, kind)
     names, taken = {c.name for c in columns}, dict[str, HeaderColumn]()
     for c in columns:
-        own, why = own_name(c.name, known)
+        own, why = ("target", "") if marks in (c.header, c.called) else own_name(c.name, known)
         if own and (own == c.name or own not in names) and own not in taken:
             origin = "read.columns" if own in mine.columns else made.origin.get(c.header) or (
                 why if c.name == c.called else HEADING)

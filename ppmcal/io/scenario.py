@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +66,8 @@ def read_scenario(path: str | os.PathLike[str] | Mapping[str, Any], mechanism: M
                          f"{source}: instrument.sigma")
     frame = _given(frame_of(file.frame, mechanism.motion, units, source), f"{source}: frame")
     target = _given(point_of(file.target, mechanism.motion, units, source), f"{source}: target")
+    targets = _targets(file, kind, mechanism, units, source)
+    _targets_moved(machine, targets, source)
     turn = _given(rotation_of(file.target_rotation, units, source), f"{source}: target_rotation")
     point = point_of(file.instrument.point or "known", mechanism.motion, units, source,
                      "instrument.point")
@@ -94,7 +96,31 @@ def read_scenario(path: str | os.PathLike[str] | Mapping[str, Any], mechanism: M
         offset=_offset(file.instrument.offset, kind, units, f"{source}: instrument.offset"),
         tracker=None if sigma.range is None else (sigma.range * length,
                                                   (sigma.angle or 0.0) * angle),
-        station=station_of(file.instrument, mechanism.motion, units, source))
+        station=station_of(file.instrument, mechanism.motion, units, source), targets=targets)
+
+
+def _targets(file: ScenarioFile, kind: InstrumentKind, mechanism: Mechanism, units: Units,
+             source: str) -> dict[str, Array]:
+    """Return the places of several targets on the platform (3,), by name; none of a single one."""
+    place = f"{source}: targets"
+    if file.targets is None:
+        return {}
+    if kind.scalar or not kind.of_poses:
+        raise BadInput(f"the instrument '{kind}' is not simulated with several targets", place,
+                       "Write one `target`, or `kind: position`")
+    return {name: _given(point_of(raw, mechanism.motion, units, source, f"targets.{name}"),
+                         f"{place}.{name}") for name, raw in file.targets.items()}
+
+
+def _targets_moved(machine: Mechanism, targets: Collection[str], source: str) -> None:
+    """Refuse an effect on a target that the scenario does not have."""
+    for n, effect in enumerate(machine.effects, 1):
+        place = f"{source}: effects[{n}].target"
+        if effect.kind.target and not targets:
+            raise BadInput("the scenario has one target only", place,
+                           "Remove `target`, or write `targets: {T1: [0, 0, 0], T2: ...}`")
+        refuse_unknown("target", [effect.kind.target] if effect.kind.target else [], targets,
+                       place)
 
 
 def _refuse_many(file: ScenarioFile, poses: Pattern, source: str) -> None:

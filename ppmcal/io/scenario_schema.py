@@ -26,6 +26,7 @@ from ppmcal.io.schema import (
     numbers,
     refuse,
 )
+from ppmcal.io.sidecar import targets_given
 from ppmcal.model.instruments import InstrumentKind, instruments
 
 FORMAT = "ppmcal/scenario/1"
@@ -231,6 +232,8 @@ class ScenarioFile(Strict):
     """Pose of the base in the measuring frame, or `known`: the same."""
     target: Any = "known"
     """The measured point in platform axes, or `known`: the origin."""
+    targets: Annotated[dict[str, Any] | None, BeforeValidator(targets_given)] = None
+    """In place of `target`, several points of the platform: name -> a point, or `known`."""
     target_rotation: Any = "known"
     """Rotation vector of the measured body, or `known`: none."""
     noise: NoiseFile = NoiseFile()
@@ -243,3 +246,10 @@ class ScenarioFile(Strict):
     """Payloads, temperature and speed."""
     seed: Annotated[int, BeforeValidator(SEED)] = 0
     """Seed of everything drawn at random."""
+
+    @model_validator(mode="after")
+    def _either(self) -> ScenarioFile:
+        if self.targets is not None and "target" in self.model_fields_set:
+            raise refuse("there are several `targets`, and one `target`",
+                         "Take `target` out, or write it as one of the `targets`")
+        return self

@@ -57,7 +57,7 @@ _noise = each(numbers(
     "Write a number of 0 or more, or one for each actuator: {leg1: 0.003}"))
 
 
-def _targets_given(value: object) -> object:
+def targets_given(value: object) -> object:
     """Refuse what are not names of targets with their places."""
     if value is None:
         return None
@@ -151,7 +151,7 @@ class SidecarFile(Strict):
     """Pose of the base in the measuring frame: unknown, known (the same), given, or defined."""
     target: Any
     """The measured point in platform axes: unknown, known (the origin) or a point."""
-    targets: Annotated[dict[str, Any] | None, BeforeValidator(_targets_given)] = None
+    targets: Annotated[dict[str, Any] | None, BeforeValidator(targets_given)] = None
     """In place of `target`, several points of the platform: name -> unknown, known or a point."""
     name: Label | None = None
     """Name of the data set  [default: the file's]."""

@@ -127,6 +127,8 @@ class Scenario:
         offset: what an encoder at a joint reads more than is true, rad or m.
         frame: the base's pose in the measuring frame (6,); frame_known: left at the default.
         target, target_rotation: (3,) each; target_known, target_rotation_known likewise.
+        targets: of several targets on the platform each one's point (3,) by name, in place of
+            ``target``.
         ar, outliers, tails: correlation of successive noise, share of outliers, ``normal`` or
             ``t4``.
         repeats: measurements per pose; approach: ``both``, ``sequence`` or ``one``.
@@ -171,3 +173,9 @@ class Scenario:
     tension: tuple[float, ...] = ()
     tracker: tuple[float, float] | None = None
     station: Array = field(default_factory=lambda: np.zeros(3))
+    targets: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def places(self) -> Mapping[str, Array]:
+        """The targets (3,) by name; of a single one, which has none, the name is empty."""
+        return self.targets or {"": self.target}

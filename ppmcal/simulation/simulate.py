@@ -8,7 +8,7 @@ target, with noise. What was true is kept apart, in truth.json.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from ppmcal.kinematics.needed_columns import ORDER, missing_columns, remembers
 from ppmcal.kinematics.registration import displaced, predict
 from ppmcal.linalg import Array, Ints, finite_rows
 from ppmcal.model.dataset import Environment, environment, tracker_noise
+from ppmcal.model.effects import Shift
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.simulation.pose_patterns import commands
@@ -42,6 +43,8 @@ class Campaign:
 
     ``pose`` labels (N,); ``q`` as the controller believes it (N, k); ``position`` (N, 3) and
     ``rotation`` vector (N, 3) as measured, or angles in the places of their coordinates;
+    ``targets``: the same by name, where several are on the platform: ``position`` and
+    ``rotation`` are the first one's;
     ``value`` a height, distance or a joint's reading (N,), else nan;
     ``to_q`` (N, k) joint values at the other end of a distance between two positions;
     ``direction`` of approach by joint (N, k);
@@ -67,6 +70,7 @@ class Campaign:
     left_out: tuple[str, ...]
     to_q: Array | None = None
     tension: Array | None = None
+    targets: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
 
 
 @stage("simulating")
@@ -111,11 +115,11 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
     with_effects = with_strokes(scenario.with_effects, q)
     model = Model(with_effects, g)
     _recorded(with_effects, rows, scenario)
-    joints, actual, stretch, inside = _visited(model, q[order], rows, scenario, rng)
+    joints, actual, shift, inside = _visited(model, q[order], rows, scenario, rng)
     # a distance between two positions: from each to the one half a campaign away
     other = (order + len(q) // 2) % len(q)
-    there, ends, _, _ = _visited(model, q[other], rows, scenario, rng) if scenario.pairs else (
-        joints, actual, None, None)
+    there, ends, moved, _ = _visited(model, q[other], rows, scenario, rng) if scenario.pairs else (
+        joints, actual, shift, None)
     keep = finite_rows(actual) & finite_rows(ends)
     if not keep.all() and remembers(with_effects):
         raise BadInput(f"pose {order[~keep][0]} cannot be reached, and an effect depends on the "
@@ -126,9 +130,13 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
                        scenario.source, "Inject smaller errors or choose other poses")
     left_out += [f"pose {p}: the machine with its errors cannot go there"
                  for p in np.unique(order[~keep])]
+    stretch = None if shift is None else shift.stretch
     shown = None if stretch is None else stretch[keep] if len(stretch) > 1 else stretch
-    position, rotation, value, outlier = _measured(actual[keep], ends[keep], shown, mechanism,
-                                                   scenario, rng)
+    seen = {name: _measured(
+        _displaced(actual, shift, name)[keep], _displaced(ends, moved, name)[keep], shown, at,
+        mechanism, scenario, rng) for name, at in scenario.places.items()}
+    position, rotation, value, _ = next(iter(seen.values()))
+    outlier = np.any([own for *_, own in seen.values()], axis=0)
     if scenario.kind.placed is not None and inside is not None:
         value += scenario.offset + inside.value[keep]
     labels = order if listed is None or listed.labels is None else listed.labels[order]
@@ -138,7 +146,9 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
                     temperature[keep] if temperature is not None else None, time[keep],
                     outlier, with_effects, g, tuple(left_out),
                     there[keep] if scenario.pairs else None,
-                    None if tension is None else tension[keep])
+                    None if tension is None else tension[keep],
+                    {n: (at, turn) for n, (at, turn, *_) in seen.items()} if scenario.targets
+                    else {})
 
 
 def _own(own: Mapping[str, Array], what: str, mechanism: Mechanism, rest: Array, order: Ints
@@ -166,16 +176,20 @@ def _once(scenario: Scenario, own: Mapping[str, Array]) -> None:
                            "column out of the file")
 
 
-def _measured(pose: Array, other: Array, stretch: Array | None, mechanism: Mechanism,
-              scenario: Scenario, rng: np.random.Generator
+def _displaced(pose: Array, shift: Shift | None, target: str) -> Array:
+    """Return poses (n, 8) as the instrument has them, by what has moved of one target."""
+    return displaced(pose, None if shift is None else shift.of(target))
+
+
+def _measured(pose: Array, other: Array, stretch: Array | None, target: Array,
+              mechanism: Mechanism, scenario: Scenario, rng: np.random.Generator
               ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Return what the instrument shows of poses (n, 8), and which rows are outliers.
+    """Return what the instrument shows of a target (3,) at poses (n, 8), and which are outliers.
 
     Positions (n, 3), rotation vectors (n, 3), heights or distances (n,), those between two
     positions to the poses ``other``.
     """
-    registration = Registration.of_pose(scenario.frame, scenario.target,
-                                        scenario.target_rotation)
+    registration = Registration.of_pose(scenario.frame, target, scenario.target_rotation)
     position, turn = predict(registration, pose)
     position = stretched(position, stretch)
     far = stretched(predict(registration, other)[0], stretch) if scenario.pairs else scenario.point
@@ -195,8 +209,8 @@ def _measured(pose: Array, other: Array, stretch: Array | None, mechanism: Mecha
 @stage("moving the machine")
 def _visited(model: Model, q: Array, rows: Environment, scenario: Scenario,
              rng: np.random.Generator
-             ) -> tuple[Array, Array, Array | None, JointReading | None]:
-    """Return joint values as recorded, poses (N, 8) reached, the instrument's stretch.
+             ) -> tuple[Array, Array, Shift | None, JointReading | None]:
+    """Return joint values as recorded, poses (N, 8) reached, and what effects add there.
 
     And how the joint reads that an encoder is at, where there is one.
 
@@ -217,9 +231,7 @@ def _visited(model: Model, q: Array, rows: Environment, scenario: Scenario,
             actual, true = at.pose, shaken
     inside = None if scenario.kind.placed is None else JointReading(
         at.model.closure(true), at.closed, scenario.kind.at)
-    shift = real.model.shift
-    actual = displaced(actual, shift)
-    return q, actual, shift.stretch if shift else None, inside
+    return q, actual, real.model.shift, inside
 
 
 def _environment(mechanism: Mechanism, direction: Array, velocity: Array, payload: Array | None,

@@ -14,6 +14,8 @@ import ppmcal
 from ppmcal.calibration.fit.fit_result import posterior
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.fit.registration_freedoms import odds_of_opening
+from ppmcal.calibration.sessions.session_posteriors import session_knowledge
 
 FITS, JOINT = 24, 0.05
 LEVEL = 0.001
@@ -130,6 +132,45 @@ def test_rows_of_a_tracker_are_white_together(tmp_path: Path) -> None:
         raw = 1e3 * np.concatenate([g.raw[n] for g in given])
         white = np.concatenate([g.residual[n] for g in given])
         assert white == pytest.approx(root @ raw, rel=1e-3, abs=1e-3 * np.abs(white).max())
+
+
+def test_what_a_campaign_knows_has_no_order_of_targets(tmp_path: Path) -> None:
+    """Rows are white one target after the other: which is first says nothing of the machine."""
+    seen = measured(5, rows=25, joint=JOINT, slots=("offset",))
+    information, residuals = list[np.ndarray](), list[dict[str, np.ndarray]]()
+    for names in (tuple(MARKS), tuple(reversed(MARKS))):
+        found = problem(tmp_path, [wide(tmp_path, replace(
+            seen, marks={n: seen.marks[n] for n in names}), joint=JOINT)])
+        known = session_knowledge(identify(found))
+        columns = [found.mechanism.names[p] for p in found.free] + list(known.names)
+        own = [columns.index(n) for n in sorted(columns) if not n.startswith("scale")]
+        information.append((known.matrix.T @ known.matrix)[np.ix_(own, own)])
+        residuals.append({s.name: s.rest for s in known.sights})
+    size = np.abs(information[0]).max()
+    assert information[1] == pytest.approx(information[0], rel=1e-4, abs=1e-6 * size)
+    for name, residual in residuals[0].items():
+        assert residuals[1][name] == pytest.approx(residual, rel=1e-4,
+                                                   abs=1e-4 * np.abs(residual).max())
+
+
+def test_what_may_be_open_has_no_order_of_targets(tmp_path: Path) -> None:
+    """Columns of one target are in the rows of those that come after it, too."""
+    seen = measured(5, rows=25, joint=JOINT, slots=("offset",))
+    seen.marks["T2"][:, 0] += 0.05
+    odds = list[dict[str, float]]()
+    for names in (tuple(MARKS), tuple(reversed(MARKS))):
+        path = wide(tmp_path, replace(seen, marks={n: seen.marks[n] for n in names}), joint=JOINT)
+        side = path.with_suffix(".yaml")
+        text = side.read_text()
+        for name in names:
+            text = text.replace(f"{name}: unknown", f"{name}: {list(MARKS[name])}")
+        side.write_text(text)
+        fit = identify(problem(tmp_path, [path]))
+        found = odds_of_opening(fit.problem, fit.state, fit.keep, fit.prior,
+                                [(i, "target") for i in range(3)])
+        odds.append(dict(zip(names, found.tolist(), strict=True)))
+    assert odds[1] == pytest.approx(odds[0], rel=1e-4)
+    assert max(odds[0], key=odds[0].__getitem__) == "T2"
 
 
 def test_a_row_that_is_left_out_is_not_given(tmp_path: Path) -> None:

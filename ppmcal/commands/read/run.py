@@ -14,6 +14,7 @@ import numpy as np
 from ppmcal.commands.inputs import load
 from ppmcal.commands.read.join import Joined, JoinOptions, joined, sort_out
 from ppmcal.commands.read.options import ReadArguments
+from ppmcal.commands.read.targets import each_target
 from ppmcal.commands.read.words import understood
 from ppmcal.commands.result import Result
 from ppmcal.commands.spec import Path_
@@ -125,37 +126,59 @@ class ReadResult(Result):
 
 def run(asked: ReadArguments) -> ReadResult:
     """Read files of instruments and controllers as measurements."""
-    files, names, units = asked.files, asked.names, asked.units
+    files = asked.files
     paths = [Path(f) for f in ([files] if isinstance(files, str | os.PathLike) else files)]
     if asked.out is not None:
         known = [*paths, *(Path(p) for p in (asked.mechanism, asked.sidecar) if p)]
         _refuse_to_replace(Path(asked.out), known, asked.force)
     machine = load(asked.mechanism)
-    _check_options(asked.join, units, asked.tolerance)
+    _check_options(asked.join, asked.units, asked.tolerance)
     side = _sidecar(paths, asked.sidecar)
     content = None if side is None else read_yaml(side)
     place = "the sidecar" if side is None else str(side)
-    block = ReadFile() if content is None else check(SidecarFile, content, place).read
-    block = block if names is None else check(
-        ReadFile, {"names": names}, "--names").model_copy(update={
-            k: getattr(block, k) for k in block.model_fields_set - {"names"}})
+    runs, notes, sentences = list[ReadRun](), list[str](), list[str]()
+    for target, own, block in each_target(paths, machine, content, asked.names, place):
+        table, kept, more, said = _understood(asked, paths, machine, own, block, place)
+        notes += more
+        sentences += [words for words in said if words not in sentences]
+        if target:
+            runs.append(_of_target(target, table, kept, asked.name, runs, place, machine))
+        else:
+            runs += _by_target(table, kept, block, asked.name, place, machine)
+    _refuse_one_name(runs, place)
+    whole = [q for p in paths for q in (sorted(p.iterdir()) if p.is_dir() else [p]) if q.is_file()]
+    inputs: list[Path_] = [*whole, *([side] if side else []), *machine.inputs]
+    notes += [n for run in runs for n in run.data.findings]
+    result = ReadResult(source_of("read", inputs, None), tuple(notes), tuple(runs),
+                        tuple(sentences))
+    if asked.out is not None:
+        for name in result.files():
+            _refuse_to_replace(Path(asked.out).with_name(name).with_suffix(".csv"),
+                               [Path(p) for p in result.provenance["inputs"]], asked.force)
+    return result
+
+
+def _understood(asked: ReadArguments, paths: Sequence[Path], machine: Mechanism,
+                content: Mapping[str, Any] | None, block: ReadFile, place: str
+                ) -> tuple[Table, dict[str, Any], list[str], list[str]]:
+    """Return files as one table, its sidecar, what was found, and what was understood of each."""
     kind = None if content is None else located(
-        check(SidecarFile, content, place), machine, place).instrument.kind
+        check(SidecarFile, dict(content), place), machine, place).instrument.kind
     found = [f for p in paths for f in foreign_tables(p, machine, block, place, kind)]
     refuse_unused(block, found, place)
     log, lists = sort_out(found, machine)
-    lists = lists if units is None else [_in_unit(points, units) for points in lists]
+    lists = lists if asked.units is None else [_in_unit(points, asked.units) for points in lists]
     options = JoinOptions(asked.join, asked.tolerance, asked.partial, asked.interpolate,
                           asked.clock_offset)
     declared = (machine.units if content is None else
-                check(SidecarFile, content, place).units.units())
+                check(SidecarFile, dict(content), place).units.units())
     together = joined(log, lists, options, block, machine, declared, place)
     notes = [n for f in found for n in f.findings] + list(together.findings)
-    said = "sidecar" if content is not None else "mechanism file"
+    by = "sidecar" if content is not None else "mechanism file"
     if content is None:
         content, more = _unsaid(together.table, machine)
         notes += more
-    file = check(SidecarFile, content, place)
+    file = check(SidecarFile, dict(content), place)
 
     def told(f: ForeignTable, own: str) -> tuple[str, str]:
         by_side, own_units = unit_of(own, block, place), file.units.units()
@@ -165,22 +188,13 @@ def run(asked: ReadArguments) -> ReadResult:
         if by_side is not None:
             return by_side, "read.units"
         unit = declared_unit(own, machine, own_units, kind)
-        return unit, said if unit in (own_units.length, own_units.angle) else ""
+        return unit, by if unit in (own_units.length, own_units.angle) else ""
 
     sentences = [understood(f, told) for f in (log, *lists)] + list(together.sentences)
     table = _declared(together, [log, *lists], block, machine, file.units.units(), place, kind)
     kept = {k: v for k, v in content.items() if k != "read"}
     kept |= {"read": {"shift": block.shift}} if block.shift else {}
-    runs = _by_target(table, kept, block, asked.name, place, machine)
-    whole = [q for p in paths for q in (sorted(p.iterdir()) if p.is_dir() else [p]) if q.is_file()]
-    inputs: list[Path_] = [*whole, *([side] if side else []), *machine.inputs]
-    notes += [n for run in runs for n in run.data.findings]
-    result = ReadResult(source_of("read", inputs, None), tuple(notes), runs, tuple(sentences))
-    if asked.out is not None:
-        for name in result.files():
-            _refuse_to_replace(Path(asked.out).with_name(name).with_suffix(".csv"),
-                               [Path(p) for p in result.provenance["inputs"]], asked.force)
-    return result
+    return table, kept, notes, sentences
 
 
 def _refuse_to_replace(out: Path, inputs: Sequence[Path], force: bool) -> None:
@@ -228,20 +242,28 @@ def _by_target(table: Table, kept: dict[str, Any], block: ReadFile, name: str, p
         if target not in targets:
             raise unknown("target", target, targets, f"{place}: read.targets")
     bare = table.without(("target",))
-    stem = str(kept.get("name", name))
     for target in targets:
         rows = np.flatnonzero(np.array(table.text["target"]) == target)
-        side = {**kept, "name": f"{stem} {target}", "target": block.targets.get(target, "unknown")}
-        if runs and kept.get("frame") == "unknown":
-            side["frame"] = {"same_as": runs[0].sidecar["name"]}
-        part = rows_of(bare, rows)
-        runs.append(ReadRun(f"{name}-{re.sub(r'[^A-Za-z0-9_.-]+', '-', target)}", part, side,
-                            _checked(part, side, place, machine)))
-    double = [r.name for r in runs]
-    if len(set(double)) < len(double):
+        side = {**kept, "target": block.targets.get(target, "unknown")}
+        runs.append(_of_target(target, rows_of(bare, rows), side, name, runs, place, machine))
+    return tuple(runs)
+
+
+def _of_target(target: str, table: Table, kept: Mapping[str, Any], name: str,
+               before: Sequence[ReadRun], place: str, machine: Mechanism) -> ReadRun:
+    """Return the measurement file of one of several targets; ``before``: those of others."""
+    side = {**kept, "name": f"{kept.get('name', name)} {target}"}
+    if before and kept.get("frame") == "unknown":
+        side["frame"] = {"same_as": before[0].sidecar["name"]}
+    return ReadRun(f"{name}-{re.sub(r'[^A-Za-z0-9_.-]+', '-', target)}", table, side,
+                   _checked(table, side, place, machine))
+
+
+def _refuse_one_name(runs: Sequence[ReadRun], place: str) -> None:
+    """Refuse two targets whose names are one file's."""
+    if len({r.name for r in runs}) < len(runs):
         raise BadInput("two targets would be written to one file", f"{place}: read.names",
                        "Name them by letters and digits")
-    return tuple(runs)
 
 
 def table_text(table: Table) -> Content:

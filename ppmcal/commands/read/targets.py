@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,11 +21,14 @@ from ppmcal.calibration.interpretation import (
     one_target,
 )
 from ppmcal.errors import BadInput
+from ppmcal.io.body_targets import naming, wide_parts
 from ppmcal.io.csv import Table
 from ppmcal.io.foreign import pose_names
 from ppmcal.io.header import ReadFile
 from ppmcal.io.measurement_columns import stacked
-from ppmcal.io.sidecar import point_of
+from ppmcal.io.schema import check
+from ppmcal.io.sidecar import SidecarFile, located, point_of
+from ppmcal.io.tables import read_table
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
@@ -49,8 +53,9 @@ def with_targets(points: Table, names: str | None, rows: Sequence[str] = (),
     if names:
         return _as_named(points, names), ()
     if "target" in points.header:
-        return _split(points, pose_names(points), points.labels("target"),
-                      "Points are named by pose and target")
+        named = pose_names(points) if "pose" in points.header else None
+        return _split(points, named, points.labels("target"), "Points are named by pose and target"
+                      if named else "A column names each row's target")
     if "pose" not in points.header or "x" not in points.header:
         return points, ()
     whole = pose_names(points)
@@ -189,3 +194,47 @@ def _labelled(names: Sequence[str], known: Mapping[str, Array]) -> SeenTargets:
     nowhere = np.full(3, np.nan)
     return SeenTargets(tuple(each), np.array([each.index(n) for n in names], dtype=np.int64),
                        np.array([known.get(n, nowhere) for n in each]))
+
+
+def each_target(paths: Sequence[Path], machine: Mechanism, content: Mapping[str, Any] | None,
+                names: str | None, place: str
+                ) -> Iterator[tuple[str, Mapping[str, Any] | None, ReadFile]]:
+    """Yield each target whose columns a wide file has: name, sidecar and how its own are read.
+
+    Else one without a name, whose block has the points that the sidecar names.
+
+    Args:
+        paths: of the files.
+        machine: that was measured.
+        content: what the sidecar says, None without one.
+        names: how points are called, in place of ``read.names``.
+        place: what messages call the sidecar.
+
+    Raises:
+        BadInput: as :func:`ppmcal.io.body_targets.wide_parts`.
+    """
+    block = ReadFile() if content is None else check(SidecarFile, dict(content), place).read
+    block = block if names is None else check(ReadFile, {"names": names}, "--names").model_copy(
+        update={k: getattr(block, k) for k in block.model_fields_set - {"names"}})
+    if content is None or not content.get("targets"):
+        yield "", content, block
+        return
+    file = located(check(SidecarFile, dict(content), place), machine, place)
+    assert file.targets is not None
+    alone = {k: v for k, v in content.items() if k != "targets"}
+    table = read_table(paths[0], loose=lambda header: True, sheet=block.sheet)
+    header = naming(table, block)
+    if len(paths) > 1 or header:
+        named = {} if header is None else {"target": header}
+        yield "", {**alone, "target": "unknown"}, block.model_copy(update={
+            "targets": file.targets, "columns": {**block.columns, **named}})
+        return
+    parts = wide_parts(table, file, machine)
+    taken = {h for part in parts for h in part.columns}
+    for part in parts:
+        own = {name: header for header, name in part.columns.items()}
+        yield part.target, {**alone, "target": file.targets[part.target]}, (
+            part.file.read.model_copy(update={
+                "columns": {**part.file.read.columns, **own},
+                "ignore": [*block.ignore, *(h for h in table.header if h in taken - {*part.columns})
+                           ]}))

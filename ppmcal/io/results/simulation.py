@@ -29,7 +29,8 @@ class TruthRecord(Record):
     """truth.json, in ``units``: what was simulated, for a calibration to find.
 
     ``errors``: parameter -> true minus nominal, where they differ; ``parameters`` -> true value;
-    ``frame``, ``target``, ``target_rotation``: where the instrument stood; ``outliers``: CSV
+    ``frame``, ``target``, ``target_rotation``: where the instrument stood; ``targets``: the points
+    of several targets, by name; ``outliers``: CSV
     rows; ``effects``: as in a mechanism file; ``left_out``: poses that could not be reached.
     """
 
@@ -40,6 +41,7 @@ class TruthRecord(Record):
     parameters: Mapping[Text, Shown] = field(default_factory=dict)
     frame: ByCoordinate[Mapping[Text, Shown]] = field(default_factory=dict)
     target: Length[tuple[Shown, ...]] = ()
+    targets: Length[Mapping[Text, tuple[Shown, ...]]] = field(default_factory=dict)
     target_rotation: Angle[tuple[Shown, ...]] = ()
     outliers: tuple[Whole, ...] = ()
     effects: tuple[Mapping[str, Any], ...] = ()
@@ -60,9 +62,11 @@ class TruthRecord(Record):
             values[p.name] = true / f
             if true != nominal:
                 errors[p.name] = (true - nominal) / f
+        places: dict[str, Any] = {"targets": scenario.targets} if scenario.targets else {
+            "target": scenario.target}
         return cls.filled(None, units, format=cls.FORMAT, errors=errors, parameters=values,
                           frame=dict(zip(POSE_COORDINATES, scenario.frame, strict=True)),
-                          target=scenario.target, target_rotation=scenario.target_rotation,
+                          **places, target_rotation=scenario.target_rotation,
                           outliers=np.flatnonzero(campaign.outlier) + 1,
                           effects=effects_tree(campaign.with_effects), left_out=campaign.left_out,
                           units=units, provenance=Provenance(**provenance))
@@ -79,10 +83,13 @@ def files(mechanism: Mechanism, scenario: Scenario, campaign: Campaign, name: st
     if scenario.kind.scalar:
         header[scenario.kind.number] = campaign.value / units.factor(scenario.kind.quantity)
     else:
-        for c, column in zip(scenario.kind.coordinates(mechanism.motion),
-                             scenario.kind.columns(mechanism.motion), strict=True):
-            part = campaign.position[:, c] if c < 3 else campaign.rotation[:, c - 3]
-            header[column] = part / units.factor("length" if c < 3 else "angle")
+        seen = campaign.targets or {"": (campaign.position, campaign.rotation)}
+        for target, (position, rotation) in seen.items():
+            for c, column in zip(scenario.kind.coordinates(mechanism.motion),
+                                 scenario.kind.columns(mechanism.motion), strict=True):
+                part = position[:, c] if c < 3 else rotation[:, c - 3]
+                header[f"{target}_{column}" if target else column] = part / units.factor(
+                    "length" if c < 3 else "angle")
     header |= {f"dir_{a}": campaign.direction[:, i].astype(int)
                for i, a in enumerate(mechanism.actuators)}
     if campaign.velocity is not None:
@@ -124,7 +131,8 @@ def sidecar(mechanism: Mechanism, scenario: Scenario, name: str) -> str:
             {"at": kind.at} if kind.at else {}) | (
             {"station": (scenario.station / length).tolist()} if scenario.tracker else {}),
         "frame": "known" if scenario.frame_known or scenario.pairs else "unknown",
-        "target": "known" if scenario.target_known else "unknown",
+        **({"targets": dict.fromkeys(scenario.targets, "unknown")} if scenario.targets else {
+            "target": "known" if scenario.target_known else "unknown"}),
         "target_rotation": "known" if scenario.target_rotation_known else "unknown",
         "approach": "columns"}
     return str(yaml.safe_dump(content, sort_keys=False))
