@@ -6,8 +6,8 @@ needs nothing else: no network, no fonts, no script.
 
 from __future__ import annotations
 
-from ppmcal.report.collect import collect
+from ppmcal.report.collect import collect, results_of
 from ppmcal.report.page import to_html, to_json
 from ppmcal.report.records import ReportData
 
-__all__ = ["ReportData", "collect", "to_html", "to_json"]
+__all__ = ["ReportData", "collect", "results_of", "to_html", "to_json"]

@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from ppmcal.errors import BadInput
+from ppmcal.io.results.batch import TABLE
 from ppmcal.report.kind import Folder
 from ppmcal.report.kinds import KINDS, KNOWN
 from ppmcal.report.records import ReportData
 from ppmcal.report.rows import with_measured
 from ppmcal.report.truth import compare, with_copies
+from ppmcal.store.folder import RECORD
 from ppmcal.store.transaction import recover
 from ppmcal.wording.progress import stage
 
@@ -41,6 +43,35 @@ def collect(dirs: Sequence[Path]) -> ReportData:
                    comparisons=compare(identified, simulated))
 
 
+def results_of(dirs: Sequence[Path]) -> list[Path]:
+    """Return folders of results, with those within a batch in place of the batch's own.
+
+    Raises:
+        BadInput: a batch without any result, or a folder that cannot be read.
+    """
+    out = list[Path]()
+    for path in dirs:
+        if not (path / TABLE).is_file():
+            out.append(path)
+            continue
+        found = _results_below(path)
+        if not found:
+            raise BadInput("is the folder of a batch of which no campaign has a result", str(path),
+                           "batch.html in it says why")
+        out += found
+    return out
+
+
+def _results_below(folder: Path) -> list[Path]:
+    """Return the folders of results in the folder of a batch: machine, date, command."""
+    try:
+        return sorted({p.parent for p in folder.glob(f"*/*/*/{RECORD}")
+                       if any((p.parent / name).is_file() for name in KNOWN)})
+    except OSError as error:
+        raise BadInput(f"cannot be read ({error.strerror or error})", str(folder),
+                       "Name the output folder of an earlier command") from None
+
+
 def _refuse_strange(folder: Path) -> None:
     """Refuse a path that is not a folder or holds none of the known files."""
     hint = "Name the output folder of an earlier command"
@@ -53,6 +84,11 @@ def _refuse_strange(folder: Path) -> None:
                        if p.is_dir() and any((p / k).is_file() for k in KNOWN))
     except OSError as error:
         raise BadInput(f"cannot be read ({error.strerror or error})", str(folder), hint) from None
+    if TABLE in names:
+        first = next(iter(_results_below(folder)), None)
+        single = "" if first is None else f", or name folders of single results, such as {first}"
+        raise BadInput("is the folder of a batch", str(folder),
+                       f"Its page is batch.html in it: open that{single}")
     if names.isdisjoint(KNOWN):
         hint = f"Looked for: {', '.join(KNOWN)}."
         if inner:

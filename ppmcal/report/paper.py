@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -12,6 +13,7 @@ from typing import Any
 
 from ppmcal.calibration.fit import secondary
 from ppmcal.errors import BadInput, unknown
+from ppmcal.io.results.batch import TABLE
 from ppmcal.io.results.identification_parts import ParameterEstimate
 from ppmcal.notes import Note
 from ppmcal.plotting.canvas import Drawing
@@ -173,10 +175,10 @@ def sheets(data: ReportData, notes: list[Note], only: Sequence[str] = ()) -> lis
 
 def _all(data: ReportData, notes: list[Note]) -> Iterator[Sheet]:
     """Yield every figure and table."""
-    taken, several = set[str](), len(data.folders) > 1
+    taken, leads = set[str](), _leads(data.folders)
 
     def lead(folder: str) -> str:
-        return f"{slug(Path(folder).name)}-" if several else ""
+        return leads.get(folder, f"{slug(Path(folder).name)}-") if len(leads) > 1 else ""
 
     for kind in IN_ORDER:
         for one in kind.of(data):
@@ -191,6 +193,28 @@ def _all(data: ReportData, notes: list[Note]) -> Iterator[Sheet]:
         for table in tables(fit):
             yield Sheet(free_name(lead(fit.folder) + table.name, taken), table.name, "tables",
                         table)
+
+
+def _leads(folders: Sequence[str]) -> dict[str, str]:
+    """Return by folder how the names of its files begin: as it is called.
+
+    In a batch that is by machine, date and command. Those that are called alike have as many of
+    the names above before theirs as tell them apart.
+
+    >>> _leads(["a/x", "one/may/fit", "two/may/fit"])
+    {'a/x': 'x-', 'one/may/fit': 'one-may-fit-', 'two/may/fit': 'two-may-fit-'}
+    """
+    parts = {folder: Path(folder).absolute().parts for folder in folders}
+    depth = {folder: 3 if Path(*p[:-3], TABLE).is_file() else 1 for folder, p in parts.items()}
+    while True:
+        names = {folder: slug("-".join(p[-depth[folder]:])) for folder, p in parts.items()}
+        count = Counter(names.values())
+        alike = [folder for folder, name in names.items()
+                 if count[name] > 1 and depth[folder] < len(parts[folder])]
+        if not alike:
+            return {folder: f"{name}-" for folder, name in names.items()}
+        for folder in alike:
+            depth[folder] += 1
 
 
 def captions(some: Sequence[Sheet]) -> dict[str, str]:

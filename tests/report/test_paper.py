@@ -180,6 +180,25 @@ def test_refusals_say_what_to_write(desk: Path, words: tuple[str, ...], told: st
     assert told in said and hint in said
 
 
+def test_a_batch_has_the_figures_of_all_its_campaigns(desk: Path) -> None:
+    """Called by machine, date and command; the same as of each folder alone."""
+    (desk / "fleet.yaml").write_text(
+        "format: ppmcal/batch/1\nmodel: mine.yaml\ncampaigns:\n" + "".join(
+            f"  - {{machine: {m}, date: 2026-03-1{n}, data: sim{n}/measurements.csv}}\n"
+            for m, n in (("a", 1), ("a", 2), ("b", 2))))
+    ppmcal("batch", "fleet.yaml", "--cores", "1", "--out", "batch", cwd=desk, expect=None)
+    found = figures(desk, "batch", "--only", "tables", "--only", "comparison", out="all")
+    days = ("a-2026-03-11", "a-2026-03-12", "b-2026-03-12")
+    assert {f"{day}-identify-{table}.tex" for day in days
+            for table in ("parameters", "errors")} <= set(found)
+    assert any(name.startswith("a-2026-03-12-compare-identify-") for name in found)
+    alone = figures(desk, "batch/b/2026-03-12/identify", "--only", "tables", out="single")
+    assert (found["b-2026-03-12-identify-parameters.tex"].read_bytes()
+            == alone["parameters.tex"].read_bytes())
+    refused = ppmcal("report", "batch", "--out", "page", cwd=desk, expect=2)
+    assert "batch.html" in refused.err and "batch/a/2026-03-11/identify" in refused.err
+
+
 def test_a_folder_without_figures_is_refused(tmp_path: Path) -> None:
     (tmp_path / "check.json").write_text(json.dumps({"format": "ppmcal/check/1"}))
     with pytest.raises(BadInput, match="no figure and no table") as caught:

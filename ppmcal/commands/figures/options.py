@@ -21,7 +21,8 @@ class FiguresArguments(Arguments):
     """Which results, which of their figures, and how these are to be."""
 
     folders: tuple[Path_, ...] = argument(
-        "DIRS...", "Folders that commands, or save of their results, wrote.", folder=True)
+        "DIRS...", "Folders that commands, or save of their results, wrote; of a batch those of "
+        "all its campaigns.", folder=True)
     form: str = option("pdf", "What the files are.", "--format", choices=FORMATS, shown=True)
     width: str = option("84mm", "How wide they are: 84mm is one column of many journals, 174mm "
                         "two.", metavar="LENGTH", shown=True)

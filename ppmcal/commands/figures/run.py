@@ -13,7 +13,7 @@ from ppmcal.commands.result import Result
 from ppmcal.errors import unknown
 from ppmcal.io import csv_text
 from ppmcal.notes import Note
-from ppmcal.report import collect
+from ppmcal.report import collect, results_of
 from ppmcal.report.paper import Sheet, captions, entries, sheets
 from ppmcal.store.provenance import source_of
 from ppmcal.wording import pluralize
@@ -79,6 +79,7 @@ def run(asked: FiguresArguments) -> FiguresResult:
     if asked.form not in FORMATS:
         raise unknown("format", asked.form, FORMATS, "--format")
     notes = list[Note]()
-    found = sheets(collect([Path(f) for f in asked.folders]), notes, tuple(asked.only))
+    folders = results_of([Path(f) for f in asked.folders])
+    found = sheets(collect(folders), notes, tuple(asked.only))
     return FiguresResult(source_of("make_figures", [], None), tuple(notes), tuple(found), width,
                          asked.form)
