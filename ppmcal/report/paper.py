@@ -28,6 +28,7 @@ TEX = str.maketrans({
     "\\": r"\textbackslash{}", "_": r"\_", "%": r"\%", "&": r"\&", "#": r"\#", "$": r"\$",
     "{": r"\{", "}": r"\}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "−": "$-$",
     "±": r"$\pm$", "×": r"$\times$", "·": r"$\cdot$", "→": r"$\to$", "…": r"\dots{}",
+    "<": "$<$", ">": "$>$", "|": "$|$",    # other letters in the usual fonts
     "°": r"$^\circ$", "µ": r"$\mu$", "μ": r"$\mu$", "χ": r"$\chi$", "σ": r"$\sigma$",
     "\u00a0": "~", "\u2009": r"\,", "⁻": r"$^{-}$", "○": r"$\circ$", "●": r"$\bullet$"}
     | {c: f"$^{n}$" for n, c in enumerate("⁰¹²³⁴⁵⁶⁷⁸⁹")})
@@ -69,7 +70,8 @@ def tex(words: str) -> str:
 
 
 def _row(cells: Sequence[str]) -> str:
-    return " & ".join(map(tex, cells)) + r" \\"
+    row = " & ".join(map(tex, cells)) + r" \\"
+    return f"{{}}{row}" if row.startswith(("[", "*")) else row    # or the \\ before it takes that
 
 
 def tables(one: Identified) -> Iterator[PaperTable]:

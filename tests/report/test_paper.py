@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from helpers.commands import ppmcal, ppmcal_process
+from helpers.latex import faults
 from helpers.paths import ROOT
 from PIL import Image
 
@@ -24,7 +25,7 @@ from ppmcal.plotting.plot import Axis, Plot
 from ppmcal.plotting.style import AFTER, BEFORE, OUT
 from ppmcal.report import collect
 from ppmcal.report.kinds import IN_ORDER
-from ppmcal.report.paper import rounded, tables, tex
+from ppmcal.report.paper import PaperTable, Sheet, captions, rounded, tables, tex
 
 MM = 25.4 / 72.0
 POSES = "x,y,rz\n500,290,30\n520,300,28\n480,310,33\n"
@@ -250,6 +251,45 @@ def test_tables_have_the_numbers_of_the_csv_with_the_decimals_of_their_intervals
             true = record[names[stage]][kind].get(head)
             assert cell == "–" if true is None else numbers(cell) == pytest.approx(true, rel=6e-3)
     assert r"\toprule" in found["errors.tex"].read_text()
+
+
+@pytest.mark.parametrize(("text", "fault"), [
+    (r"\begin{tabular}{lr}a & b & c \\ \end{tabular}", "3 cells in 2 columns"),
+    (r"\begin{tabular}{lr}a \\ \end{tabular}", "1 cells in 2 columns"),
+    (r"\begin{tabular}{lr}a & b \end{tabular}", "without"),
+    (r"\begin{table}\end{figure}", "figure is closed"), (r"\begin{table}", "is open at the end"),
+    ("leg_1", "_ outside of mathematics"), ("5 % more", "% as it stands"), ("a & b", "& outside"),
+    ("#3", "# as it stands"), ("a {b", "{ is open"), ("5$^{-3}", "mathematics is open"),
+    (r"\foo", r"\foo in text"), ("a < b", "another letter"),
+    ("\\begin{tabular}{l}a \\\\\n[b] \\\\\n\\end{tabular}", "is taken by"),
+    ("5 µm", "needs a package"), (r"\input{a_b}", "no plain name")])
+def test_the_reader_of_latex_notices_what_an_engine_would(text: str, fault: str) -> None:
+    assert any(fault in one for one in faults(text)), faults(text)
+
+
+def test_tables_and_captions_are_latex(desk: Path) -> None:
+    """Of every kind of figure, by a reader of its own: where no engine is, none is needed."""
+    found = figures(desk, "fit1", "fit2", "compared", "validated", "path", "sent", out="every")
+    written = {name: p.read_text(encoding="utf-8") for name, p in found.items()
+               if name.endswith(".tex")}
+    assert len(written) == 5    # parameters and errors of two fits, and captions
+    assert {name: faults(text) for name, text in written.items() if faults(text)} == {}
+    for name, text in written.items():
+        assert ("tabular" in text) == (name != "captions.tex")
+
+
+HOSTILE = "[1] < 50%_&_#1 $x$ {leg} ~ ^2 \\end{tabular} 5·10⁻³ µm ±σχ² → …"
+
+
+def test_names_that_mean_something_to_latex_are_words() -> None:
+    """Names of limbs, data sets and folders are whatever people write."""
+    table = PaperTable("t", HOSTILE, (HOSTILE, "value"), ((HOSTILE, "−3.0"), ("b", HOSTILE)),
+                       frozenset({1}))
+    sheet = Sheet("t", "t", "tables", table)
+    assert faults(table.tex()) == []
+    assert faults(captions([sheet])["captions.tex"]) == []
+    body = table.tex().splitlines()
+    assert sum(line.endswith(r"\\") for line in body) == 3
 
 
 def test_effects_are_rows_and_what_is_fixed_is_counted(tmp_path: Path) -> None:
