@@ -11,7 +11,7 @@ from helpers.commands import ppmcal
 from helpers.instruments import data_of, joints
 from helpers.paths import ROOT
 
-from ppmcal.calibration.compensation.commands import ParameterCovariance, prediction_jacobian
+from ppmcal.calibration.compensation.pose_sigma import ParameterCovariance, prediction_jacobian
 from ppmcal.calibration.fit.fit_result import Fit, FitOptions, prediction_covariance
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem

@@ -12,7 +12,8 @@ from helpers.posteriors import sigma_of
 from numpy.typing import NDArray
 
 import ppmcal
-from ppmcal.calibration.compensation.commands import ParameterCovariance, compensate, model_sigma
+from ppmcal.calibration.compensation.commands import compensate
+from ppmcal.calibration.compensation.pose_sigma import ParameterCovariance, model_sigma
 from ppmcal.calibration.fit.linearisation import (
     NormalStep,
     SummedStep,

@@ -18,7 +18,8 @@ from helpers.machines import KINDS, delta, full, read_text, spread
 from helpers.paths import ROOT
 from numpy.typing import NDArray
 
-from ppmcal.calibration.compensation.commands import ParameterCovariance, compensate
+from ppmcal.calibration.compensation.commands import compensate
+from ppmcal.calibration.compensation.pose_sigma import ParameterCovariance
 from ppmcal.calibration.fit.fit_result import Fit, FitOptions, posterior
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.observation import coordinates

@@ -11,7 +11,8 @@ from helpers.commands import ppmcal as run_command
 from helpers.paths import ROOT
 
 import ppmcal
-from ppmcal.calibration.compensation.commands import Compensation, compensate, tolerance_sigma
+from ppmcal.calibration.compensation.commands import Compensation, compensate
+from ppmcal.calibration.compensation.pose_sigma import tolerance_sigma
 from ppmcal.calibration.knowledge.parameter_estimates import IMPLAUSIBLE
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.tables import inverse_table

@@ -10,13 +10,14 @@ import pytest
 from helpers.paths import ROOT
 
 import ppmcal
-from ppmcal.calibration.compensation.commands import Compensation, ParameterCovariance, compensate
+from ppmcal.calibration.compensation.commands import Compensation, compensate
 from ppmcal.calibration.compensation.model_averaging import (
     CandidateModel,
     Readings,
     Targets,
     averaged,
 )
+from ppmcal.calibration.compensation.pose_sigma import ParameterCovariance
 from ppmcal.calibration.compensation.safe_commands import sent
 from ppmcal.calibration.validation.left_out_rows import DoubtfulStretch
 from ppmcal.io.effects import with_effects

@@ -11,7 +11,8 @@ from helpers.instruments import joints
 from helpers.learned import learned_of, terms
 from numpy.typing import NDArray
 
-from ppmcal.calibration.compensation.commands import compensate, tolerance_sigma
+from ppmcal.calibration.compensation.commands import compensate
+from ppmcal.calibration.compensation.pose_sigma import tolerance_sigma
 from ppmcal.calibration.fit.fit_result import Fit, FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem

@@ -13,7 +13,7 @@ from helpers.commands import ppmcal, rows, write_csv
 from helpers.paths import ROOT
 from scipy.interpolate import CubicSpline
 
-from ppmcal.calibration.compensation.commands import ParameterCovariance, model_sigma
+from ppmcal.calibration.compensation.pose_sigma import ParameterCovariance, model_sigma
 from ppmcal.controllers.joints.tables import joint_tables, known_limits, table_command
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism, write_mechanism

@@ -9,10 +9,7 @@ from ppmcal.lazy import on_first_use
 if TYPE_CHECKING:
     from ppmcal.calibration.compensation.commands import KINDS as KINDS
     from ppmcal.calibration.compensation.commands import Compensation as Compensation
-    from ppmcal.calibration.compensation.commands import ParameterCovariance as ParameterCovariance
     from ppmcal.calibration.compensation.commands import compensate as compensate
-    from ppmcal.calibration.compensation.commands import model_sigma as model_sigma
-    from ppmcal.calibration.compensation.commands import prediction_jacobian as prediction_jacobian
     from ppmcal.calibration.compensation.kinematics_sigma import PoseRows as PoseRows
     from ppmcal.calibration.compensation.kinematics_sigma import forward_sigma as forward_sigma
     from ppmcal.calibration.compensation.kinematics_sigma import independent as independent
@@ -31,6 +28,13 @@ if TYPE_CHECKING:
     from ppmcal.calibration.compensation.model_averaging import Targets as Targets
     from ppmcal.calibration.compensation.model_averaging import averaged as averaged
     from ppmcal.calibration.compensation.model_averaging import probabilities as probabilities
+    from ppmcal.calibration.compensation.pose_sigma import (
+        ParameterCovariance as ParameterCovariance,
+    )
+    from ppmcal.calibration.compensation.pose_sigma import model_sigma as model_sigma
+    from ppmcal.calibration.compensation.pose_sigma import (
+        prediction_jacobian as prediction_jacobian,
+    )
     from ppmcal.calibration.compensation.safe_commands import is_worse as is_worse
     from ppmcal.calibration.compensation.safe_commands import own_steps as own_steps
     from ppmcal.calibration.compensation.safe_commands import refused as refused

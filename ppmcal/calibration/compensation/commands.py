@@ -7,19 +7,24 @@ well the data know it; rows that would be unsafe are refused, each with its reas
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.calibration.fit import Problem, State, in_other_branch, turn_between
-from ppmcal.calibration.knowledge import IMPLAUSIBLE, by_tolerances, far_outside, measured_ranges
-from ppmcal.calibration.validation import DoubtfulStretch, Identification
+from ppmcal.calibration.compensation.pose_sigma import (
+    ParameterCovariance,
+    by_kind,
+    frame_variance,
+    pose_sigma,
+    tolerance_sigma,
+)
+from ppmcal.calibration.fit import in_other_branch, turn_between
+from ppmcal.calibration.knowledge import IMPLAUSIBLE, far_outside, measured_ranges
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import final_shift
 from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.forward import forward
-from ppmcal.kinematics.frame_definition import seen_variance
 from ppmcal.kinematics.needed_columns import remembers
 from ppmcal.kinematics.partial_pose import (
     PoseConvention,
@@ -31,10 +36,10 @@ from ppmcal.kinematics.partial_pose import (
 from ppmcal.kinematics.registration import after_events, measured_pose, predict
 from ppmcal.kinematics.tables import inverse_table
 from ppmcal.linalg import Array, Bools, finite_rows
-from ppmcal.model.dataset import Dataset, Environment, environment, unknown_environment
+from ppmcal.model.dataset import Environment, environment
 from ppmcal.model.effects.learned import LEARNED
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.model.registration import DefinedFrame, Registration
+from ppmcal.model.registration import Registration
 from ppmcal.wording.progress import stage
 
 NOTHING = 1e-9
@@ -42,64 +47,6 @@ NOTHING = 1e-9
 UNKNOWN = "the model's uncertainty there cannot be predicted"
 KINDS = {"position": "length", "rotation": "angle"}
 """Errors that are reported, each by itself, and their quantity."""
-
-
-@dataclass(frozen=True)
-class ParameterCovariance:
-    """What an identification knows beyond the model file.
-
-    ``names`` (C,) columns and ``covariance`` (C, C) as in
-    :class:`ppmcal.calibration.validation.Identification`, and behind them the parameters that
-    it held though they may be off, which the others err with; ``volume``: coordinate -> (low,
-    high) of the poses that were measured, base frame, SI. ``pivots``: the points about which the
-    fitted frames are turned, by data set (3,). ``before``: where the instrument stands if the
-    nominal geometry is believed, by data set: the frame of the uncorrected commands.
-    ``frames``: what defines the base axes, by data set whose frame is given so.
-    ``unexplained``: rms of what neither model nor noise explained, m and rad; ``doubtful``:
-    stretches of a joint's travel that the model misses.
-    """
-
-    names: tuple[str, ...]
-    covariance: Array
-    volume: Mapping[str, tuple[float, float]]
-    pivots: Mapping[str, Array]
-    before: Mapping[str, Registration]
-    unexplained: tuple[float, float] = (0.0, 0.0)
-    doubtful: tuple[DoubtfulStretch, ...] = ()
-    frames: Mapping[str, DefinedFrame] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, found: Identification) -> ParameterCovariance:
-        """Return what an identification knows, as its identification.json would tell it."""
-        problem = found.fit.problem
-        left = found.unexplained
-        kept = found.considered
-        names, covariance = tuple(found.columns), found.covariance
-        if kept is not None:
-            names, covariance = (*names, *kept.names), kept.beside(covariance)
-        return cls(names, covariance, found.measured_volume,
-                   {d.name: o.about for d, o in zip(problem.datasets, problem.opens, strict=True)},
-                   found.before_registrations,
-                   (float(left.get("position", 0.0)), float(left.get("rotation", 0.0))),
-                   found.doubtful, defined_frames(problem.datasets))
-
-    @property
-    def base_axes(self) -> tuple[str, DefinedFrame] | None:
-        """What defines the base axes, and of which data set it is; of several the least certain."""
-        return max(self.frames.items(), key=lambda one: one[1].size, default=None)
-
-    def missed(self, q: Array, actuators: Sequence[str]) -> Array:
-        """Return what the identification missed near joint values (N, k), m and rad (N, 2)."""
-        out = np.tile(np.square(self.unexplained), (len(q), 1))
-        for d in self.doubtful:
-            inside = d.holds(q[:, actuators.index(d.actuator)])
-            out += np.where(inside[:, None], np.square([d.position, d.rotation]), 0.0)
-        return np.asarray(np.sqrt(out))
-
-
-def defined_frames(datasets: Sequence[Dataset]) -> dict[str, DefinedFrame]:
-    """Return by name what defines the frames of those data sets that have one so."""
-    return {d.name: d.frame.defined for d in datasets if d.frame.defined is not None}
 
 
 @dataclass(frozen=True)
@@ -253,7 +200,7 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
                         tuple(("refused", "ok")[int(g)] for g in good),
                         tuple(refused.get(n, "") for n in range(len(full))),
                         None if knowledge is None or knowledge.base_axes is None else
-                        _by_kind(mechanism, np.where(good[:, None], frame, np.nan)))
+                        by_kind(mechanism, np.where(good[:, None], frame, np.nan)))
 
 
 @stage("predicting errors without correction")
@@ -308,24 +255,6 @@ def _unexplained(model: Model, nominal: Model, registration: Registration, full:
                     "this)")
 
 
-def tolerance_sigma(nominal: Model, registration: Registration, full: Array, q: Array
-                    ) -> tuple[Array, Array]:
-    """Return how far tolerances take the nominal machine from where it is sent (N,), m and rad.
-
-    One standard deviation, infinite where a tolerance is. Arguments as those of
-    :func:`prediction_jacobian`; nan where the machine does not take a pose.
-    """
-    mechanism, rows = nominal.mechanism, unknown_environment(*q.shape)
-    problem, state = as_measured(nominal, registration, full, q, "", rows, (), np.zeros(3))
-    places = mechanism.motion.axes
-    out = np.full((2, len(q)), np.nan)
-    for r in problem.rows(state):
-        assert r.response is not None
-        variance = np.sum(by_tolerances(r.response, mechanism) ** 2, axis=2)
-        out[:, r.index] = variance[:, :places].sum(axis=1), variance[:, places:].sum(axis=1)
-    return np.sqrt(out[0]), np.sqrt(out[1])
-
-
 @stage("predicting errors with correction")
 def _after(model: Model, nominal: Model, registration: Registration, q: Array, full: Array,
            good: Bools, rows: Environment) -> tuple[Array, Array, Array]:
@@ -345,138 +274,3 @@ def _errors(registration: Registration, real: Array, ideal: Array) -> tuple[Arra
     (a, ra), (b, rb) = predict(registration, real), predict(registration, ideal)
     return np.linalg.norm(a - b, axis=-1), np.linalg.norm(turn_between(ra, rb), axis=-1)
 
-
-@stage("how sure they are")
-def pose_sigma(model: Model, registration: Registration, full: Array, q: Array, good: Bools,
-               knowledge: ParameterCovariance | None, dataset: str, rows: Environment
-               ) -> tuple[Array, Array]:
-    """Return standard deviations (N,) of position, m, and rotation, rad, at given joint values.
-
-    What the identification left unexplained is there at these poses too. nan where not ``good``;
-    arguments as those of :func:`prediction_jacobian`.
-    """
-    position, rotation = np.full(q.shape[0], np.nan), np.full(q.shape[0], np.nan)
-    if knowledge is None or not good.any():
-        return position, rotation
-    jacobian = prediction_jacobian(model, registration, full[good], q[good], knowledge, dataset,
-                                   rows.take(good))
-    variance = np.einsum("nmc,nmc->nm", jacobian @ knowledge.covariance, jacobian)
-    variance += own_variance(model, registration, full[good], q[good], dataset, rows.take(good))
-    variance += frame_variance(model, registration, full[good], knowledge, dataset)
-    places = model.mechanism.motion.axes
-    left = knowledge.missed(q[good], model.mechanism.actuators) ** 2
-    position[good] = np.sqrt(np.maximum(variance[:, :places].sum(axis=1), 0.0) + left[:, 0])
-    rotation[good] = np.sqrt(np.maximum(variance[:, places:].sum(axis=1), 0.0) + left[:, 1])
-    return position, rotation
-
-
-def frame_variance(model: Model, registration: Registration, full: Array,
-                   knowledge: ParameterCovariance | None, dataset: str) -> Array:
-    """Return the variance (N, m) of poses in base axes by what defines these axes.
-
-    A fit with such a frame takes its error for one of the geometry, as a motion of the base as a
-    whole; in the measuring frame, so of a ``dataset``, the two cancel. Arguments as those of
-    :func:`prediction_jacobian`.
-    """
-    measured = list(model.mechanism.motion.measured_parts)
-    axes = None if dataset or knowledge is None else knowledge.base_axes
-    if axes is None:
-        return np.zeros((len(full), len(measured)))
-    point, _ = predict(registration, pose_motor(full))
-    return seen_variance(axes[1].covariance, point)[:, measured]
-
-
-def _by_kind(mechanism: Mechanism, variance: Array) -> tuple[Array, Array]:
-    """Return standard deviations (N,) of position and rotation by the variance of each (N, m)."""
-    places = mechanism.motion.axes
-    return (np.sqrt(variance[:, :places].sum(axis=1)), np.sqrt(variance[:, places:].sum(axis=1)))
-
-
-def model_sigma(mechanism: Mechanism, poses: Array, registration: Registration,
-                knowledge: ParameterCovariance, dataset: str, columns: Mapping[str, Array]
-                ) -> tuple[Array, Array]:
-    """Return standard deviations (N,) of position, m, and rotation, rad, of an identified machine.
-
-    Args:
-        mechanism: the identified machine.
-        poses: of the platform in the base frame (N, 6), nan where open.
-        registration: frame and target in which the pose is measured.
-        knowledge: what the identification knows.
-        dataset: name of the data set that ``registration`` belongs to.
-        columns: what effects depend on, as in :func:`ppmcal.model.dataset.environment`.
-
-    Poses that the machine does not take are nan.
-    """
-    k = len(mechanism.actuators)
-    model = Model(mechanism)
-    full, _ = wanted_poses(model, Registration(), poses)
-    rows = environment(columns, mechanism.actuators, mechanism.gravity,
-                       np.full((len(full), k), np.nan))
-    table = inverse_table(model, full, rows)
-    good = np.array([s == "ok" for s in table.status])
-    return pose_sigma(model, registration, full, table.q, good, knowledge, dataset, rows)
-
-
-def prediction_jacobian(model: Model, registration: Registration, full: Array, q: Array,
-                        knowledge: ParameterCovariance, dataset: str, rows: Environment) -> Array:
-    """Return d(measured pose)/d(columns), columns as the identification names them.
-
-    Args:
-        model: the machine at its parameters.
-        registration: frame and target in which poses are measured.
-        full: platform poses (N, 6) in the base frame, x, y, z, rotation vector.
-        q: joint values there (N, k).
-        knowledge: names the C columns, and the points about which frames are turned.
-        dataset: name of the data set that ``registration`` belongs to.
-        rows: the environment that effects depend on.
-
-    Returns:
-        (N, m, C), m and rad in the measuring frame per unit of a column, SI; 0 in columns of
-        other data sets' frames and of unknown names, nan in rows that the machine does not take.
-    """
-    names = knowledge.names
-    place = {n: i for i, n in enumerate(model.mechanism.names)}
-    free = tuple(place[n] for n in names if n in place)
-    about = knowledge.pivots.get(dataset, np.zeros(3))
-    problem, state = as_measured(model, registration, full, q, dataset, rows, free, about)
-    own = {name: c for c, name in enumerate(problem.columns)}
-    there = [c for c, name in enumerate(names) if name in own]
-    measured = model.mechanism.motion.measured_parts
-    out = np.full((len(full), len(measured), len(names)), np.nan)
-    for r in problem.rows(state):
-        block = np.zeros((r.index.size, *out.shape[1:]))
-        block[..., there] = r.raw_jacobian()[..., [own[names[c]] for c in there]]
-        out[r.index] = block
-    return out
-
-
-def as_measured(model: Model, registration: Registration, full: Array, q: Array, dataset: str,
-                 rows: Environment, free: tuple[int, ...], about: Array) -> tuple[Problem, State]:
-    """Return poses as rows of a problem, with sigmas of 1 m and 1 rad; as the function above."""
-    mechanism = model.mechanism
-    # planar machines measure x, y, rz only
-    flat = np.array([False, False, True, True, True, False]) & mechanism.motion.planar
-    data = Dataset.of_poses(dataset, q, np.where(flat, np.nan, full), (1.0, 1.0), fitted=True)
-    closed = reached_poses(model, q, rows, pose_motor(full), q).closed
-    return (Problem(mechanism, (data,), free, (about,), (rows,)),
-            State(mechanism.values, (registration,), (closed,)))
-
-
-def own_variance(model: Model, registration: Registration, full: Array, q: Array, dataset: str,
-                 rows: Environment) -> Array:
-    """Return the variance (N, m) of poses by what effects are uncertain by of themselves."""
-    mechanism = model.mechanism
-    uncertain = [e for e in mechanism.effects if e.kind.spread is not None]
-    out = np.zeros((len(full), len(mechanism.motion.measured_parts)))
-    if not uncertain:
-        return out
-    problem, state = as_measured(model, registration, full, q, dataset, rows, (), np.zeros(3))
-    for r in problem.rows(state):
-        assert r.response is not None
-        at = r.response.setting()
-        for effect in uncertain:
-            assert effect.kind.spread is not None
-            values = {n: float(mechanism.values[p]) for n, p in effect.parameters.items()}
-            for shift in effect.kind.spread(at, np.array(effect.on), values):
-                out[r.index] += r.response.column(shift) ** 2
-    return out

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.calibration.compensation.commands import (
+from ppmcal.calibration.compensation.pose_sigma import (
     ParameterCovariance,
     frame_variance,
     own_variance,

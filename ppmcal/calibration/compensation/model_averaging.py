@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.compensation.commands import Compensation, ParameterCovariance, compensate
+from ppmcal.calibration.compensation.commands import Compensation, compensate
+from ppmcal.calibration.compensation.pose_sigma import ParameterCovariance
 from ppmcal.calibration.compensation.safe_commands import refused, sent
 from ppmcal.calibration.fit import turn_between
 from ppmcal.kinematics.closure import Model
