@@ -14,7 +14,8 @@ from ppmcal.errors import BadInput, unknown
 from ppmcal.io.body_targets import named_targets, refuse_unsaid, stands, wide_parts
 from ppmcal.io.csv import Table
 from ppmcal.io.dataset_reader import dataset_of, read_files, table_path
-from ppmcal.io.sidecar import SidecarFile, point_of, sidecar_path
+from ppmcal.io.sidecar import SidecarFile, sidecar_path
+from ppmcal.io.sidecar_values import point_of
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.sessions import as_campaigns

@@ -32,18 +32,8 @@ from ppmcal.io.measurement_columns import (
 from ppmcal.io.noise_limits import refuse_noise
 from ppmcal.io.reading import in_conventions, in_units
 from ppmcal.io.recorded import form_of
-from ppmcal.io.sidecar import (
-    SidecarFile,
-    actuator_noise,
-    at_point,
-    located,
-    offset_of,
-    point_of,
-    read_sidecar,
-    rotation_of,
-    scale_of,
-    sidecar_path,
-)
+from ppmcal.io.sidecar import SidecarFile, located, offset_of, read_sidecar, sidecar_path
+from ppmcal.io.sidecar_values import actuator_noise, at_point, point_of, rotation_of, scale_of
 from ppmcal.io.tables import SUFFIXES, read_table
 from ppmcal.io.yaml import number_text
 from ppmcal.kinematics.pose_readings import shifted_rows

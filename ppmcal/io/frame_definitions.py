@@ -14,7 +14,8 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal.errors import BadInput, refuse_unknown
 from ppmcal.io.schema import is_number, show
-from ppmcal.io.sidecar import SidecarFile, frame_of, point_of, station_of, tracked
+from ppmcal.io.sidecar import SidecarFile, station_of, tracked
+from ppmcal.io.sidecar_values import frame_of, point_of
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.frame_definition import frame_by_points, frame_by_pose, frame_covariance

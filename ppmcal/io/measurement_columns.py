@@ -11,7 +11,8 @@ from ppmcal.errors import BadInput
 from ppmcal.io.column_names import ENVIRONMENT, tension_columns
 from ppmcal.io.csv import Table, refuse_absurd
 from ppmcal.io.pose_fields import COORDINATES, NORM_TOLERANCE, QUATERNION, factors, rotation_vectors
-from ppmcal.io.sidecar import SidecarFile, actuator_noise, sigma_needs, station_of
+from ppmcal.io.sidecar import SidecarFile, sigma_needs, station_of
+from ppmcal.io.sidecar_values import actuator_noise
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import ZERO_CELSIUS, tracker_noise, unknown
 from ppmcal.model.instruments import InstrumentKind, number_names

@@ -18,15 +18,8 @@ from ppmcal.io.pose_fields import COORDINATES, pose_from_map
 from ppmcal.io.poses import read_poses
 from ppmcal.io.scenario_schema import PosesFile, ScenarioFile
 from ppmcal.io.schema import check, did_you_mean, is_number, show
-from ppmcal.io.sidecar import (
-    actuator_noise,
-    frame_of,
-    of_sight,
-    point_of,
-    rotation_of,
-    station_of,
-    tracked,
-)
+from ppmcal.io.sidecar import of_sight, station_of, tracked
+from ppmcal.io.sidecar_values import actuator_noise, frame_of, point_of, rotation_of
 from ppmcal.io.yaml import read_yaml
 from ppmcal.io.yaml_merge import IN_MEMORY
 from ppmcal.limits import POSES, SIMULATED_ROWS

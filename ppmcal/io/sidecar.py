@@ -5,17 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, TypeGuard
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import BeforeValidator, model_validator
 
-from ppmcal import algebra as cga
 from ppmcal.design.virtual_instrument import Instrument
-from ppmcal.errors import BadInput, refuse_unknown, unknown
+from ppmcal.errors import BadInput
 from ppmcal.io.header import ReadFile
 from ppmcal.io.noise_limits import refuse_sigma
-from ppmcal.io.pose_fields import pose_from_map
 from ppmcal.io.schema import (
     LARGEST,
     Flag,
@@ -32,8 +30,16 @@ from ppmcal.io.schema import (
     refuse,
     show,
 )
+from ppmcal.io.sidecar_values import (
+    actuator_noise,
+    at_point,
+    frame_of,
+    neither,
+    point_of,
+    rotation_of,
+    scale_of,
+)
 from ppmcal.io.yaml import read_yaml
-from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import NO_OFFSET, Unknown
 from ppmcal.model.instruments import InstrumentKind, instruments
@@ -42,8 +48,6 @@ from ppmcal.model.motions import Motion
 from ppmcal.units import Units
 
 FORMAT = "ppmcal/dataset/1"
-NEAR_ONE = (0.5, 2.0)
-"""A scale beyond is rather a wrong unit."""
 EXAMPLE = """format: ppmcal/dataset/1
 units: {length: mm, angle: deg}
 instrument: {kind: pose, sigma: {position: 0.01, rotation: 0.002}}
@@ -272,75 +276,6 @@ def station_of(instrument: Any, motion: Motion, units: Units, source: str) -> Ar
     return found.value
 
 
-def frame_of(raw: object, motion: Motion, units: Units, source: str, where: str = "frame"
-             ) -> Unknown:
-    """Return where the base stands in the measuring frame."""
-    if raw == "unknown":
-        return Unknown(True, np.zeros(6))
-    if raw == "known":
-        return Unknown(False, np.zeros(6))
-    place = f"{source}: {where}"
-    if isinstance(raw, dict) and "same_as" in raw:
-        name = raw["same_as"]
-        if len(raw) > 1 or not isinstance(name, str | int) or isinstance(name, bool):
-            raise BadInput(f"{show(raw)} does not name another data set", place,
-                           "Write {same_as: NAME} and nothing else")
-        return Unknown(True, np.zeros(6), str(name))
-    if isinstance(raw, dict) and {"points", "first_pose"} & {*raw}:
-        raise BadInput("only measurements define a frame by points or by their first pose", place,
-                       "Write unknown, known, or the pose")
-    if isinstance(raw, dict):
-        pose = pose_from_map(raw, motion.frame_coordinates, units, source, where,
-                             needed=motion.coordinates)
-        return Unknown(False, np.nan_to_num(pose))
-    raise _neither(raw, place, "a pose such as {x: 0, y: 0, rz: 0}, or {same_as: NAME}")
-
-
-def point_of(raw: object, motion: Motion, units: Units, source: str, where: str = "target"
-             ) -> Unknown:
-    """Return a point (3,), m: known (the origin), unknown, or given."""
-    sizes = tuple(range(motion.axes, 4))
-    return _three(raw, sizes, units.factor("length"), f"{source}: {where}",
-                  f"a list of {' or '.join(str(s) for s in sizes)} numbers")
-
-
-def rotation_of(raw: object, units: Units, source: str, where: str = "target_rotation") -> Unknown:
-    """Return a rotation vector (3,), rad: known (none), unknown, or given."""
-    return _three(raw, (3,), units.factor("angle"), f"{source}: {where}",
-                  "a rotation vector [rx, ry, rz]")
-
-
-def _three(raw: object, sizes: tuple[int, ...], factor: float, place: str, form: str) -> Unknown:
-    """Return three numbers, SI, the last one 0 where it is left out."""
-    if raw in ("unknown", "known"):
-        return Unknown(raw == "unknown", np.zeros(3))
-    if not isinstance(raw, list) or len(raw) not in sizes or not all(map(is_number, raw)):
-        raise _neither(raw, place, form)
-    return Unknown(False, np.array([*map(float, raw), 0.0][:3]) * factor)
-
-
-def scale_of(raw: object, kind: InstrumentKind, source: str, where: str = "scale") -> Unknown:
-    """Return what measured lengths are times the true ones (1,): known (1), unknown, or given.
-
-    A printed part that shrank, a caliper or a tracker in another scale: all rows of the file are
-    off together. ``{value: 0.995, sigma: 0.0015}``: fitted, known to be so near that.
-    """
-    if not kind.scales and raw not in ("known", 1, 1.0):
-        raise BadInput("heights of a flat have no scale of their own" if kind.touches else
-                       f"readings of the instrument '{kind}' are no lengths that have a scale",
-                       f"{source}: {where}",
-                       "Take it out; a scale goes with pose, position or distance")
-    if raw in ("unknown", "known"):
-        return Unknown(raw == "unknown", np.ones(1))
-    if isinstance(raw, dict):
-        return _known_about(raw, source, where)
-    if not _near_one(raw):
-        raise _neither(raw, f"{source}: {where}",
-                       f"a number from {NEAR_ONE[0]:g} to {NEAR_ONE[1]:g}, such as 0.997, or "
-                       "{value: 0.995, sigma: 0.0015}")
-    return Unknown(False, np.array([float(raw)]))
-
-
 def offset_of(file: InstrumentFile, units: Units, source: str) -> Unknown:
     """Return what an encoder's readings are more than the true ones (1,): unknown, or given, SI."""
     kind, raw, place = file.kind, file.offset, f"{source}: instrument.offset"
@@ -351,7 +286,7 @@ def offset_of(file: InstrumentFile, units: Units, source: str) -> Unknown:
     if raw in (None, "unknown", "known"):
         return Unknown(raw != "known", np.zeros(1))
     if not is_number(raw):
-        raise _neither(raw, place, "a number")
+        raise neither(raw, place, "a number")
     return Unknown(False, np.array([float(raw)]) * units.factor(kind.quantity))
 
 
@@ -364,45 +299,6 @@ def located(file: SidecarFile, mechanism: Mechanism, source: str) -> SidecarFile
     own = file.instrument
     kind = own.kind.located(own.at, mechanism, source)
     return file.model_copy(update={"instrument": own.model_copy(update={"kind": kind})})
-
-
-def _near_one(raw: object) -> TypeGuard[float]:
-    return is_number(raw) and NEAR_ONE[0] <= raw <= NEAR_ONE[1]
-
-
-def _known_about(raw: Mapping[Any, Any], source: str, where: str) -> Unknown:
-    """Return a scale that is fitted, near a value by one standard deviation."""
-    if set(raw) != {"value", "sigma"}:
-        raise BadInput(f"{show(raw)} is not a value with its standard deviation",
-                       f"{source}: {where}", "Write {value: 0.995, sigma: 0.0015}")
-    value, sigma = raw["value"], raw["sigma"]
-    if not _near_one(value):
-        raise BadInput(f"{show(value)} is not a number from {NEAR_ONE[0]:g} to {NEAR_ONE[1]:g}",
-                       f"{source}: {where}.value", "Write what the file shows over true lengths, "
-                       "such as 0.995")
-    if not is_number(sigma) or not 0.0 < sigma < 1.0:
-        raise BadInput(f"{show(sigma)} is not a standard deviation of a scale",
-                       f"{source}: {where}.sigma", "Write a number between 0 and 1, such as "
-                       "0.0015; of a scale that is known for sure write the value alone")
-    return Unknown(True, np.array([float(value)]), sigma=float(sigma))
-
-
-def actuator_noise(raw: object, mechanism: Mechanism, factors: Array, source: str) -> Array:
-    """Return the drives' standard deviations (k,), unit of q; a number counts for all."""
-    names = mechanism.actuators
-    if not isinstance(raw, dict):
-        return float(raw) * factors if isinstance(raw, int | float) else np.zeros(len(names))
-    given = {str(name): value for name, value in raw.items()}
-    refuse_unknown("actuator", given, names, f"{source}: instrument.sigma.actuator")
-    return np.array([given.get(a, 0.0) * f for a, f in zip(names, factors, strict=True)])
-
-
-def _neither(raw: object, place: str, form: str) -> BadInput:
-    if isinstance(raw, str):
-        error = unknown("word", raw, ("unknown", "known"), place)
-        return BadInput(error.what, place, f"{error.hint} Or give {form}")
-    return BadInput(f"{show(raw)} cannot be used here", place,
-                    f"Write unknown, known, or {form}")
 
 
 def read_instrument(path: str | os.PathLike[str], mechanism: Mechanism) -> Instrument:
@@ -441,13 +337,6 @@ def read_instrument(path: str | os.PathLike[str], mechanism: Mechanism) -> Instr
                             (found.sigma_value, kind.quantity if scalar else "length")):
         refuse_sigma(np.array([value]), quantity, mechanism, units, f"{source}: instrument.sigma")
     return found
-
-
-def at_point(frame: Unknown, point: Unknown) -> Unknown:
-    """Return a frame with its origin in a point of it, as which distances have theirs."""
-    away = cga.motor_from_rotation_vector(np.zeros(3), -point.value)
-    return Unknown(point.fitted or frame.fitted,
-                   pose_vector(cga.compose(away, pose_motor(frame.value))), defined=frame.defined)
 
 
 def _fixed_point(file: SidecarFile, mechanism: Mechanism, units: Units, source: str) -> Unknown:

@@ -17,7 +17,7 @@ from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism
-from ppmcal.io.sidecar import scale_of
+from ppmcal.io.sidecar_values import scale_of
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.partial_pose import pose_vector

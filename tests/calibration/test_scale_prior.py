@@ -22,7 +22,8 @@ from ppmcal.calibration.validation.summary import rank_of
 from ppmcal.design.virtual_instrument import default_instrument
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism
-from ppmcal.io.sidecar import read_instrument, scale_of
+from ppmcal.io.sidecar import read_instrument
+from ppmcal.io.sidecar_values import scale_of
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.instruments import DISTANCE, PLANE
 from ppmcal.model.mechanism import Mechanism

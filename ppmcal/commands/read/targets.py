@@ -27,7 +27,8 @@ from ppmcal.io.foreign import pose_names
 from ppmcal.io.header import ReadFile
 from ppmcal.io.measurement_columns import stacked
 from ppmcal.io.schema import check
-from ppmcal.io.sidecar import SidecarFile, located, point_of
+from ppmcal.io.sidecar import SidecarFile, located
+from ppmcal.io.sidecar_values import point_of
 from ppmcal.io.tables import read_table
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
