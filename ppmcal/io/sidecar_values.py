@@ -127,6 +127,7 @@ def actuator_noise(raw: object, mechanism: Mechanism, factors: Array, source: st
 
 
 def neither(raw: object, place: str, form: str) -> BadInput:
+    """Return the refusal of what is neither known, unknown nor ``form``."""
     if isinstance(raw, str):
         error = unknown("word", raw, ("unknown", "known"), place)
         return BadInput(error.what, place, f"{error.hint} Or give {form}")
