@@ -56,6 +56,7 @@ def assert_unit(motor: cga.Array) -> None:
 
 @laws
 @given(batch(6, 6, 6, 3))
+@pytest.mark.slow
 def test_motors_are_a_group_that_acts(drawn: list[cga.Array]) -> None:
     a, b, c = (cga.motor_exp(twist) for twist in drawn[:3])
     x = drawn[3]

@@ -108,6 +108,7 @@ def test_figures_of_the_axes_are_those_of_iso_230_2(record: dict[str, Any], by_h
             assert value(record, symbol, leg) == pytest.approx(wanted, rel=1e-4), (symbol, leg)
 
 
+@pytest.mark.slow
 def test_a_figure_that_the_rows_do_not_allow_says_why(bench: Path) -> None:
     write_about(bench, "strict.yaml")
     found = certificate(bench, "val.csv", "--about", "strict.yaml", out="strict")
@@ -207,6 +208,7 @@ def test_degrees_are_those_of_the_gum_s_end_gauge() -> None:
     "identified/parameters.csv", marks=pytest.mark.slow), pytest.param(
     "identified/identified.yaml", marks=pytest.mark.slow), pytest.param(
     "identified/identification.json", marks=pytest.mark.slow), "cal.csv", "m.yaml"])
+@pytest.mark.slow_cases("identified/residuals.csv")
 def test_what_was_tampered_with_is_refused_and_named(bench: Path, tmp_path: Path, name: str
                                                      ) -> None:
     folder = Path(shutil.copytree(bench, tmp_path / "own"))
@@ -221,6 +223,7 @@ def test_what_was_tampered_with_is_refused_and_named(bench: Path, tmp_path: Path
     assert not (folder / "new").exists()
 
 
+@pytest.mark.slow
 def test_what_changes_after_it_came_out_again_is_refused(bench: Path, tmp_path: Path,
                                                          monkeypatch: pytest.MonkeyPatch) -> None:
     folder = Path(shutil.copytree(bench, tmp_path / "own"))
@@ -293,6 +296,7 @@ def test_faults_of_the_file_about_it_are_told_with_their_place(tmp_path: Path, m
 @pytest.mark.parametrize(("more", "said"), [
     ({"instrument": None}, "the key 'instrument' is missing"),
     ({"date": "2026-01-09"}, "calibrated after the measurement")])
+@pytest.mark.slow
 def test_an_instrument_has_to_be_named_and_calibrated(bench: Path, more: dict[str, Any], said: str
                                                       ) -> None:
     write_about(bench, "odd.yaml", **more)
@@ -351,6 +355,7 @@ def test_lines_of_the_pdf_are_broken_at_words_and_long_words_anywhere() -> None:
     assert lines[0] == "accuracy of a" and "".join(lines).count("x") == 90 and len(lines) > 6
 
 
+@pytest.mark.slow
 def test_results_in_python(bench: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(bench)
     found = face.certify("identified", "about.yaml", ["val.csv"])

@@ -60,6 +60,7 @@ def left_out(lines):
     return [line for line in lines if line.startswith(f"{LEFT_OUT}: ") and WHY in line]
 
 
+@pytest.mark.slow
 def test_compare_tells_what_changed_without_names_or_platform(folders, break_):
     whole = ppmcal.compare(*folders)
     break_((change_detection, "pose_difference"), (change_detection, "explanations"),
@@ -117,6 +118,7 @@ def test_validate_leaves_out_another_machine_that_cannot_be_judged(
     assert "nominal, as a prediction of" in note
 
 
+@pytest.mark.slow
 def test_validate_refuses_where_the_machine_itself_cannot_be_judged(runs, folders, break_):
     break_((frozen_models, "_registered"), error=LinearAlgebraError)
     with pytest.raises((ppmcal.PpmcalError, ValueError), match=WHY):
@@ -163,7 +165,7 @@ def test_tolerances_without_what_the_linear_model_expects(break_):
     assert "tolerances.json" in bare.files()
 
 
-@pytest.mark.slow_cases("plan")
+@pytest.mark.slow_cases("tolerances", "plan")
 @pytest.mark.parametrize(("make", "places", "kept"), [
     (lambda: ppmcal.plan(BENCH, count=4), [(plan_record, "accuracy_picture")], "plan.json"),
     (lambda: ppmcal.tolerances(BENCH, accuracy=1.0, machines=20, cores=1),

@@ -215,6 +215,7 @@ def test_html_is_escaped(stage):
     assert "<script>" not in odd._repr_html_()
 
 
+@pytest.mark.slow
 def test_saved_is_what_the_command_writes(fit, folder, tmp_path):
     """Same tables and the same machine from the files, by the command and by the function."""
     mech = ppmcal.shipped("3-RPR")
@@ -278,6 +279,7 @@ def test_a_result_never_replaces_its_inputs(stage, tmp_path):
     assert table.read_text() == "x,y,rz\n230,200,0\n"
 
 
+@pytest.mark.slow
 def test_the_python_block_of_the_readme_runs(tmp_path, monkeypatch):
     (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
     monkeypatch.chdir(tmp_path)

@@ -46,6 +46,7 @@ def test_results_are_written_in_one_thread_as_they_were_found(tmp_path, two_thre
     assert json.loads((tmp_path / "out" / "plan.json").read_text())["blas_threads"] == 1
 
 
+@pytest.mark.slow
 def test_a_validation_records_the_calibration_that_it_asked(run, tmp_path):
     run.save(tmp_path / "day")
     data = tmp_path / "day" / "measurements.csv"
@@ -105,6 +106,7 @@ def test_an_over_long_path_is_refused(call, run, tmp_path):
     lambda tool: ppmcal.sensitivity(BENCH, tool=tool).record,
     lambda tool: ppmcal.forward(BENCH, [[400.0, 400.0, 400.0]], tool=tool).pose,
     lambda tool: ppmcal.tolerances(BENCH, accuracy=1.0, machines=20, tool=tool).record])
+@pytest.mark.slow_cases("<lambda>2")
 def test_a_tool_is_a_text_or_its_numbers(call):
     one, two = call("10,-20"), call([10, -20.0])
     if isinstance(one, np.ndarray):

@@ -221,6 +221,7 @@ def test_targets_at_and_beyond_a_singularity_are_refused(unlimited, rz, why):
 
 
 @pytest.mark.parametrize("rz", [0.0, 1e-6, 180.0])
+@pytest.mark.slow_cases("1e-06", "180.0")
 def test_singular_poses_in_tables(rz):
     machine = homed(30.0)
     asked = poses((500, 288.675, 30), (500, 288.675, rz))
@@ -267,6 +268,7 @@ def test_targets_that_are_one_pose_and_turns_of_it(bench, identified):
 
 
 @pytest.mark.parametrize("turn", [137.999999, 138.0, -222.0])
+@pytest.mark.slow
 def test_a_measuring_frame_half_a_turn_away(bench, identified, turn):
     """Measured rotations of about 180 degrees flip their sign; the machine does not."""
     side, table = bench
@@ -294,6 +296,7 @@ def test_rows_that_are_too_few(bench, identified, command, name):
 
 
 @pytest.mark.parametrize("apart", [1e-12, 1e-9, 1e-6])
+@pytest.mark.slow_cases("1e-12", "1e-06")
 def test_poses_hardly_apart_tell_no_more_than_sound_ones(bench, identified, apart):
     """Round-off that open frames leave of the columns is no rank."""
     rng = np.random.default_rng(1)

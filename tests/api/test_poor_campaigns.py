@@ -64,6 +64,7 @@ def test_what_does_not_fit_is_not_silently_noise(noise, told, marked):
     assert sum("tell nothing of the machine" in f for f in found.findings) == told
 
 
+@pytest.mark.slow
 def test_diagnose_says_it_too():
     data = campaign("3-RPR", "position", 12, 1.0, sigma={"estimated": True})
     found = ppmcal.diagnose(machine("3-RPR"), data)

@@ -81,7 +81,7 @@ def checked(desk: Path, *words: object, code: int, cwd: Path | None = None):
     return found["runs"]
 
 
-@pytest.mark.slow_cases("kin")
+@pytest.mark.slow_cases("identified", "kin")
 @pytest.mark.parametrize("name", [
     n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in WRITING])
 def test_what_a_command_wrote_is_made_again_byte_by_byte(desk: Path, name: str) -> None:
@@ -124,6 +124,7 @@ def test_the_record_names_all_that_decides_a_result(desk: Path) -> None:
     assert str(desk) not in text
 
 
+@pytest.mark.slow
 def test_an_edited_number_is_told_with_its_place(desk: Path, tmp_path: Path) -> None:
     own = copied(desk, tmp_path, "identified")
     path = own / "identified" / "parameters.csv"
@@ -144,6 +145,7 @@ def test_an_edited_number_is_told_with_its_place(desk: Path, tmp_path: Path) -> 
     assert "edited since ppmcal wrote it" in said and "row 3, value" in said
 
 
+@pytest.mark.slow
 def test_an_edited_record_hides_nothing(desk: Path, tmp_path: Path) -> None:
     """Whoever forges the sum too is found by the values."""
     own = copied(desk, tmp_path, "identified")
@@ -158,6 +160,7 @@ def test_an_edited_record_hides_nothing(desk: Path, tmp_path: Path) -> None:
     assert (wrong["file"], wrong["edited"]) == ("identified.yaml", False)
 
 
+@pytest.mark.slow
 def test_a_missing_file_is_told(desk: Path, tmp_path: Path) -> None:
     own = copied(desk, tmp_path, "identified")
     (own / "identified" / "residuals.csv").unlink()
@@ -166,6 +169,7 @@ def test_a_missing_file_is_told(desk: Path, tmp_path: Path) -> None:
     assert (wrong["file"], wrong["worst"]["place"]) == ("residuals.csv", "is not there")
 
 
+@pytest.mark.slow
 def test_inputs_that_have_changed_or_gone_are_named_with_both_sums(desk: Path, tmp_path: Path
                                                                    ) -> None:
     own = copied(desk, tmp_path, "identified")
@@ -188,6 +192,7 @@ def test_inputs_that_have_changed_or_gone_are_named_with_both_sums(desk: Path, t
     assert run["status"] == "same"
 
 
+@pytest.mark.slow
 def test_from_another_folder_and_after_a_move(desk: Path, tmp_path: Path) -> None:
     own = copied(desk, tmp_path, "identified", "may")
     checked(own, own / "identified", own / "may", code=0, cwd=tmp_path)
@@ -205,6 +210,7 @@ def test_absolute_paths_that_are_gone(desk: Path, tmp_path: Path) -> None:
     assert run["status"] == "same"
 
 
+@pytest.mark.slow
 def test_without_the_hidden_record(desk: Path, tmp_path: Path) -> None:
     own = copied(desk, tmp_path, "identified")
     (own / "identified" / RECORD).unlink()
@@ -481,6 +487,7 @@ def reworded(monkeypatch: pytest.MonkeyPatch) -> None:
                         text(self).replace("uncalibrated machine", "machine as it was"))
 
 
+@pytest.mark.slow
 def test_an_older_version_s_words_are_told_and_fail_nothing(
         desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     own = copied(desk, tmp_path, "identified")
@@ -499,6 +506,7 @@ def test_an_older_version_s_words_are_told_and_fail_nothing(
     assert "machine as it was" in console
 
 
+@pytest.mark.slow
 def test_an_edited_sentence_is_a_fault_of_any_version(
         desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     own = copied(desk, tmp_path, "identified")
@@ -510,6 +518,7 @@ def test_an_edited_sentence_is_a_fault_of_any_version(
         assert [f["file"] for f in found["files"] if f["edited"]] == ["identification.json"]
 
 
+@pytest.mark.slow
 def test_another_version_s_number_differs(
         desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     own = copied(desk, tmp_path, "identified")
@@ -564,6 +573,7 @@ def later(folder: Path, **entries: object) -> None:
     record.write_text(json.dumps(known))
 
 
+@pytest.mark.slow
 def test_a_folder_of_a_later_version_says_what_is_not_understood(desk: Path, tmp_path: Path
                                                                  ) -> None:
     own = copied(desk, tmp_path, "identified")
@@ -583,6 +593,7 @@ def test_a_folder_of_a_later_version_says_what_is_not_understood(desk: Path, tmp
     assert "shape.csv: made by a later version: the file is not understood." in console
 
 
+@pytest.mark.slow
 def test_a_value_that_differs_is_a_fault_of_a_later_version_too(desk: Path, tmp_path: Path) -> None:
     own = copied(desk, tmp_path, "identified")
     later(own / "identified", shape={"waves": 3}, iterations=99)

@@ -53,6 +53,7 @@ def exchanged(data, *pairs):
 
 @pytest.mark.parametrize("scatter", [0.0, 2e-4])
 @pytest.mark.parametrize("tree", [belts, cables], ids=["belts", "cables"])
+@pytest.mark.slow_cases("cables-0.0", "cables-0.0002")
 def test_a_rope_that_stands_still(tree, scatter, tmp_path):
     path, data = measured(tmp_path, tree())
     q = data.q.copy()
@@ -64,6 +65,7 @@ def test_a_rope_that_stands_still(tree, scatter, tmp_path):
 @pytest.mark.parametrize(("tree", "joint", "part"), [
     (belts, "br", 0.6), (belts, "br", 1.0), (rope_cage, "r2", 0.6)],
     ids=["belts", "belts in all rows", "cage"])
+@pytest.mark.slow_cases("cage")
 def test_a_slack_rope_in_many_rows_is_named(tree, joint, part, tmp_path):
     path, data = measured(tmp_path, tree())
     rng = np.random.default_rng(2)
@@ -75,6 +77,7 @@ def test_a_slack_rope_in_many_rows_is_named(tree, joint, part, tmp_path):
     assert f"q_{joint} in " in text
 
 
+@pytest.mark.slow
 def test_few_slack_ropes_are_left_out_row_by_row(tmp_path):
     path, data = measured(tmp_path, belts())
     q = data.q.copy()
@@ -94,6 +97,7 @@ def test_readings_at_one_place(tmp_path):
 @pytest.mark.parametrize(("tree", "pairs"), [
     (belts, [(0, 2)]), (belts, [(2, 3)]), pytest.param(cables, [(0, 2)], marks=pytest.mark.slow),
     pytest.param(rope_cage, [(0, 1)], marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_two_exchanged_columns_are_named(tree, pairs, tmp_path):
     path, data = measured(tmp_path, tree())
     found = exchanged(data, *pairs)
@@ -111,6 +115,9 @@ def test_two_exchanged_columns_are_named(tree, pairs, tmp_path):
     (cables, "all limbs hold the platform in one point"),
     (rope_cage, "all limbs hold the platform in one point"),
     (belts, "all anchors lie in one line with the platform at home")])
+@pytest.mark.slow_cases(
+    "cables-all limbs hold the platform in one point",
+    "rope_cage-all limbs hold the platform in one point")
 def test_points_that_leave_the_platform_free(tree, cause, tmp_path):
     _, data = measured(tmp_path, tree())
     file = tree()
@@ -127,11 +134,13 @@ def test_points_that_leave_the_platform_free(tree, cause, tmp_path):
 
 @pytest.mark.parametrize("tree", [belts, *(pytest.param(
     tree, marks=pytest.mark.slow) for tree in (cables, rope_cage))])
+@pytest.mark.slow
 def test_what_is_right_is_not_refused(tree, tmp_path):
     path, data = measured(tmp_path, tree())
     assert ppmcal.identify(path, data).identification.fit.converged
 
 
+@pytest.mark.slow
 def test_rows_too_few_are_counted_against_parameters(tmp_path):
     path, data = measured(tmp_path, cables())
     text = refused(path, data.take(np.arange(len(data)) < 2))
@@ -155,6 +164,7 @@ def hangprinter(folder, count=60):
 
 
 @pytest.mark.parametrize(("which", "longer"), [(0, True), (3, True), (3, False)])
+@pytest.mark.slow
 def test_of_one_contradiction_the_sign_tells_what_may_be_slack(which, longer, tmp_path):
     path, data, names = hangprinter(tmp_path, 45)
     q = data.q.copy()

@@ -143,6 +143,7 @@ def test_nothing_changed_is_uniform() -> None:
     assert np.mean(apart**2, axis=0) == pytest.approx([1.0, 1.0], abs=0.3)
 
 
+@pytest.mark.slow
 def test_a_change_shows_at_the_platform_beside_what_noise_makes() -> None:
     for found, _ in campaigns(2, 1e-3):
         moved = found.pose_difference
@@ -272,6 +273,7 @@ def test_rows_of_a_worn_place_that_one_fit_left_out_are_no_change() -> None:
     assert np.sum(p < 0.05) <= 4 and p.min() > 1e-3
 
 
+@pytest.mark.slow
 def test_rows_left_out_are_misfit_and_a_gross_one_is_no_more_than_that() -> None:
     """A row off by 300 or 30 000 sigma is one row; eight that are off alike are misfit."""
     mechanism, rng = machine("3-RPR"), np.random.default_rng(8)
@@ -298,6 +300,7 @@ def test_a_change_beyond_what_the_model_misses_is_found() -> None:
     assert sum(c.changed for c in found) >= 7
 
 
+@pytest.mark.slow
 def test_the_same_calibration_twice_has_not_changed() -> None:
     mechanism, rng = machine("3-RPR"), np.random.default_rng(2)
     one = known(fitted(mechanism, session(mechanism, "3-RPR", drawn(mechanism, rng), rng)))
@@ -339,6 +342,7 @@ def test_compare_says_nothing_changed(sessions: Path, tmp_path: Path) -> None:
     assert found["verdict"] == "unchanged" and found["platform"]["poses"] > 100
 
 
+@pytest.mark.slow
 def test_compare_names_what_changed(sessions: Path, tmp_path: Path) -> None:
     run = ppmcal("compare", "idA/identified.yaml", "idC", "--out", tmp_path / "o", "--json",
                  cwd=sessions, expect=1)
@@ -398,6 +402,7 @@ def test_compare_says_why_it_cannot(sessions: Path, tmp_path: Path) -> None:
     assert rows(tmp_path / "again" / "compare.csv") == []
 
 
+@pytest.mark.slow
 def test_tables_are_read_where_they_are_unchanged(sessions: Path, tmp_path: Path) -> None:
     """A table of that name in the old folder is another one now; the right one is right here."""
     there, here = tmp_path / "there", tmp_path / "here"

@@ -152,6 +152,7 @@ def test_a_refused_fit_repeats_what_check_says_of_units(tmp_path, command):
 
 
 @pytest.mark.parametrize("command", ["identify", "diagnose"])
+@pytest.mark.slow_cases("diagnose")
 def test_a_fit_repeats_what_check_says_of_units(tmp_path, command):
     scenario = {"format": "ppmcal/scenario/1", "units": {"length": "mm", "angle": "deg"},
                 "poses": {"random": {"center": dict(CASES["R(P)R"].home), "count": 30,

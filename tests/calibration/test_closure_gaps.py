@@ -55,6 +55,7 @@ def test_intervals_cover_where_gaps_are_all_the_noise(tmp_path):
     assert 0.93 < np.sqrt(np.mean(np.square(ratio))) < 1.07
 
 
+@pytest.mark.slow
 def test_gaps_of_next_to_nothing_change_no_number(tmp_path):
     _, plain = fitted(tmp_path, belts(), 0.3)
     path = written(tmp_path, gapped(belts(), (1e-7,)), "gapped.yaml")
@@ -65,6 +66,7 @@ def test_gaps_of_next_to_nothing_change_no_number(tmp_path):
                                posterior(plain.identification.fit), rtol=1e-6, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_a_limb_that_gaps_counts_less(tmp_path):
     """Its residuals are told with what it may gap, the others' with their drives' noise."""
     _, found = fitted(tmp_path, gapped(belts(), (3.0, 0.0, 0.0, 0.0)), 0.2)
@@ -75,6 +77,7 @@ def test_a_limb_that_gaps_counts_less(tmp_path):
     assert 0.7 < found.identification.noise.sigma_ratio < 1.3
 
 
+@pytest.mark.slow
 def test_where_nobody_says_it_joints_are_exact_if_all_limbs_gap(tmp_path):
     """No `actuator` in the sidecar: with an instrument, and by joint values alone."""
     made, found = fitted(tmp_path, gapped(belts()))
@@ -84,6 +87,7 @@ def test_where_nobody_says_it_joints_are_exact_if_all_limbs_gap(tmp_path):
     assert np.all(some.identification.fit.problem.sigma_joints[0] > 0.0)
 
 
+@pytest.mark.slow
 def test_it_is_written_back_as_the_file_has_it(tmp_path):
     tree = gapped(cables(), (0.3, 0.0, 0.2, 0.1))
     mechanism = machine(tmp_path, tree)
@@ -135,6 +139,7 @@ def both_ways(folder):
     return out
 
 
+@pytest.mark.slow
 def test_a_gap_of_ropes_is_as_good_as_their_drives_noise(tmp_path):
     """What is planned, identified and validated is the same by either."""
     made = ppmcal.simulate(written(tmp_path, belts()), alone(belts(), HALF, sigma=0.3, count=60))

@@ -34,6 +34,7 @@ def with_joints_of_their_own(whole: Problem) -> Problem:
 
 
 @pytest.mark.parametrize("count", [2, 3])
+@pytest.mark.slow
 def test_intervals_cover_what_is_true_where_the_noise_is_of_the_joints(
         tmp_path: Path, count: int) -> None:
     total = square = 0.0
@@ -55,6 +56,7 @@ def test_intervals_cover_what_is_true_where_the_noise_is_of_the_joints(
 
 
 @pytest.mark.parametrize("count", [2, 3])
+@pytest.mark.slow_cases("3")
 def test_the_posterior_is_that_of_the_whole_covariance(tmp_path: Path, count: int) -> None:
     """Generalised least squares by the bench's own formulas, at the truth: it is nominal here.
 
@@ -78,6 +80,7 @@ def test_the_posterior_is_that_of_the_whole_covariance(tmp_path: Path, count: in
         assert right or over.min() < 0.9
 
 
+@pytest.mark.slow
 def test_in_every_form_of_the_file_the_noise_is_the_same(tmp_path: Path) -> None:
     seen = measured(5, rows=25, joint=JOINT, slots=("offset",))
     fits = [identify(problem(tmp_path, paths)) for paths in (

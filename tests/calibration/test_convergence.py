@@ -63,6 +63,7 @@ def hardly_turning(seed: int, joints: float) -> Problem:
 
 
 @pytest.mark.parametrize("seed", [2, 4])
+@pytest.mark.slow
 def test_a_registration_with_more_open_never_fits_worse(seed: int) -> None:
     """The closed form of frame and target together is decimetres off, of the frame alone not."""
     wide = hardly_turning(seed, 1e-3)

@@ -80,6 +80,7 @@ def test_what_a_model_misses_is_no_noise(stage, bent):
     assert began.factor > 2.0    # one visit of each pose does not tell one from the other
 
 
+@pytest.mark.slow
 def test_repeats_tell_what_noise_is_and_what_the_model_misses(stage, bent):
     curved = [{"kind": "curvature", "on": ["leg1", "leg2", "leg3"],
                "parameters": {"p2": 0.3, "p3": 0.2, "p4": 0.1}}]

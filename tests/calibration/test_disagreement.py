@@ -79,6 +79,7 @@ def three(differ: bool) -> tuple[Identification, Array]:
     return report(identify(problem), METHOD, 0.0, 0), true
 
 
+@pytest.mark.slow
 def test_sessions_that_differ_have_longer_intervals_and_say_so() -> None:
     found, true = three(True)
     assert found.sessions is not None
@@ -92,6 +93,7 @@ def test_sessions_that_differ_have_longer_intervals_and_say_so() -> None:
         assert low < true[place] < high, found.estimates[place].name
 
 
+@pytest.mark.slow
 def test_sessions_alike_keep_the_noise_s_intervals() -> None:
     found, _ = three(False)
     assert found.sessions is not None
@@ -109,6 +111,7 @@ def test_sessions_alike_keep_the_noise_s_intervals() -> None:
 
 
 @pytest.mark.parametrize("curved", [False, True])
+@pytest.mark.slow_cases("True")
 def test_blocks_of_one_session_see_what_is_smooth(curved: bool) -> None:
     mechanism, days, _, _ = study.campaign("3-RPR", study.Setting(1, False, curved), 4)
     fit = identify(Problem(mechanism, days, mechanism.free))

@@ -121,6 +121,7 @@ def test_draws_of_many_poses_take_little_memory_and_are_the_same(
     assert peak < 4e6
 
 
+@pytest.mark.slow
 def test_intervals_that_are_to_hold_together_are_longer():
     """Of five alike machines noise makes one better or worse in one day of twenty, not in five."""
     rng, days, found = np.random.default_rng(6), 150, np.zeros(2)

@@ -99,6 +99,7 @@ def test_too_few_rows_leave_the_files_freedoms(printer):
     assert choice is None and set(problem.free) == set(printer.free)
 
 
+@pytest.mark.slow
 def test_the_users_choice_and_other_methods_are_not_overruled(printer):
     data = measured(printer, True, 7)
     by_hand = ppmcal.identify(printer, data, free=["*.offset"], holdout=0.0)
@@ -108,6 +109,7 @@ def test_the_users_choice_and_other_methods_are_not_overruled(printer):
     assert flat[1] is None and flat[0].free == printer.free
 
 
+@pytest.mark.slow
 def test_it_is_told_written_and_read_back(printer, tmp_path):
     found = ppmcal.identify(printer, measured(printer, True, 3), holdout=0.0)
     assert any("8 blocks of space" in n for n in found.notes)

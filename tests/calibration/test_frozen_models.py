@@ -68,6 +68,7 @@ def day(stage):
     return ppmcal.simulate(stage, scenario(5, EFFECTS)).data
 
 
+@pytest.mark.slow
 def test_the_true_machine_misses_by_the_noise(truth, day):
     """40 poses from two sides, 0.005 mm in x and y: sqrt(2) x 0.005 mm together."""
     (found,) = validated(with_and_without(truth), day)
@@ -314,6 +315,7 @@ def test_rows_of_noise_alone_are_hardly_ever_named(truth, stage):
 
 
 @pytest.mark.parametrize("actuator", [0.0, 0.02])
+@pytest.mark.slow_cases("0.02")
 def test_a_registration_with_more_freedom_never_fits_worse(actuator):
     """Chi-squared by the noise at the wider one, by which that is the least; mm may grow."""
     hexapod = ppmcal.load(ppmcal.shipped("6-UPS"))

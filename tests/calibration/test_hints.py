@@ -43,6 +43,7 @@ def test_identify_says_what_to_do(given: Any, options: dict[str, Any], found: st
     assert told and all(hint in f for f in told)
 
 
+@pytest.mark.slow
 def test_validate_says_what_to_do() -> None:
     mechanism, data = campaign()
     model = ppmcal.identify(mechanism, [data])

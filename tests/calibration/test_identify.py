@@ -530,6 +530,7 @@ def test_two_files_say_more_than_one() -> None:
     assert np.all(both < alone)
 
 
+@pytest.mark.slow
 def test_per_file_homing_finds_the_shift_of_the_zeros() -> None:
     mechanism, scenario = machine("3-RPR")
     first = run(mechanism, noiseless(scenario), 1)
@@ -552,6 +553,7 @@ def test_per_file_homing_finds_the_shift_of_the_zeros() -> None:
     assert blind.information.square > 1e6
 
 
+@pytest.mark.slow
 def test_a_shared_frame_is_fitted_once() -> None:
     mechanism, scenario = machine("3-RPR")
     first = run(mechanism, noiseless(scenario), 1)
@@ -592,6 +594,7 @@ def test_held_out_poses_are_as_good_as_the_noise_allows() -> None:
     assert report(identify(few.problem), FitOptions(), 0.2, 0).holdout == {}
 
 
+@pytest.mark.slow
 def test_other_measurements_may_be_held_out() -> None:
     mechanism, scenario = machine("6-UPS")
     made = run(mechanism, scenario, 3)
@@ -711,6 +714,7 @@ def assert_led(made: Run, result: Any, wanted: Array, true_registration: Registr
 
 # --- many rows ----------------------------------------------------------------------------------
 
+@pytest.mark.slow
 def test_many_rows_start_from_few_and_end_with_all(monkeypatch: pytest.MonkeyPatch) -> None:
     mechanism, scenario = machine("3-RPR")
     made = run(mechanism, replace(box(scenario, 900), outliers=0.02), 4)

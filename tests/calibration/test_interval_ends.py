@@ -56,6 +56,7 @@ def test_no_module_has_an_interval_of_its_own() -> None:
     assert using == set(KNOWN)
 
 
+@pytest.mark.slow
 def test_scale_and_sessions_have_the_interval_of_the_fit_s_noise() -> None:
     mechanism, data = two_sessions(2, 3e-4, 6)
     found = report(fitted(mechanism, data),

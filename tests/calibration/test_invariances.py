@@ -146,6 +146,7 @@ def plain(campaign):
     return found
 
 
+@pytest.mark.slow
 def test_the_order_of_rows_tells_nothing(campaign, plain):
     count = len(campaign[2]["x"])
     order = np.random.default_rng(1).permutation(count)
@@ -165,18 +166,21 @@ def test_the_order_of_limbs_tells_nothing(campaign, plain, limbs):
 
 
 @pytest.mark.parametrize("units", [("m", "rad"), ("um", "deg"), ("in", "rad")])
+@pytest.mark.slow
 def test_units_and_the_order_of_columns_tell_nothing(campaign, plain, units):
     found = answer(in_other_words(campaign, units=units, columns=3))
     assert_same(plain, found)
     assert found[4] == plain[4]
 
 
+@pytest.mark.slow
 def test_names_tell_nothing(campaign, plain):
     names = {"leg1": "zulu", "leg2": "alpha10", "leg3": "alpha9"}
     assert_same(plain, answer(in_other_words(campaign, names=names)))
 
 
 @pytest.mark.parametrize("seed", range(3))    # as many as there are units
+@pytest.mark.slow_cases("0")
 def test_frames_and_all_else_at_once_tell_nothing(campaign, plain, seed):
     rng = np.random.default_rng(seed)
     base, seen = rng.uniform(-170.0, 170.0, 2)

@@ -117,6 +117,7 @@ EFFECTS = [{"kind": "backlash", "parameters": {"width": {"value": 0.05, "free": 
 
 
 @pytest.mark.parametrize("case", CASES)
+@pytest.mark.slow_cases("universal", "noisy drives", "seven legs", "seven drives")
 def test_rows_move_as_differences_say(case):
     name, instrument, more = CASES[case]
     tree = file_of(name)
@@ -172,6 +173,7 @@ def off(found, made, count=20):
     return apart(mechanism, ours.pose, pose)
 
 
+@pytest.mark.slow
 def test_a_square_machine_calibrates_itself_by_passive_encoders():
     """Three angles a row, offsets unknown: the base is held as gauge, nothing is redundant."""
     tree = file_of("3-RPR")
@@ -200,6 +202,7 @@ def test_one_passive_encoder_alone_is_a_calibration_too():
     assert gauge.startswith("leg1.base.point.x, leg1.base.point.y are held")
 
 
+@pytest.mark.slow
 def test_a_hexapod_with_poses_and_a_set_of_encoders():
     tree = file_of("6-UPS")
     joints = [measured(tree, encoder(f"leg{n}.joint1", 1e-9, offset=20 * n)) for n in (1, 3, 5)]
@@ -212,6 +215,7 @@ def test_a_hexapod_with_poses_and_a_set_of_encoders():
     assert len({d.campaign for d in found.identification.fit.problem.datasets}) == 1
 
 
+@pytest.mark.slow
 def test_a_hexapod_with_positions_and_tilts():
     tree = file_of("6-UPS")
     made, tilts = measured(tree, {**TILT, "sigma": {"rotation": 1e-8}}, count=80, frame={
@@ -328,6 +332,7 @@ def test_too_few_rows_for_what_is_open():
             ppmcal.identify(read_mechanism(tree), read(tree, short, instrument))
 
 
+@pytest.mark.slow
 def test_plans_have_such_instruments_and_fleets_do_not(tmp_path):
     side = tmp_path / "encoder.yaml"
     side.write_text(yaml.safe_dump({"format": "ppmcal/dataset/1", "units": {

@@ -370,6 +370,7 @@ def test_matrices_are_understood() -> None:
                                turns.as_matrix(), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_planar_machine_is_searched_too() -> None:
     """Two columns exchanged and the other sign of rz, in the plane."""
     machine = load(shipped("3-RPR"))
@@ -411,6 +412,7 @@ def campaign(folder: Path, case: str, machine: str, rows: int = 60, eta: float =
 
 
 @pytest.mark.parametrize("case", ["joint-unit-all", "position-unit"])
+@pytest.mark.slow
 def test_a_unit_that_makes_everything_small_explains_nothing(tmp_path: Path, case: str) -> None:
     """A linear delta looks the same at any height: a campaign of micrometres fits it anywhere."""
     found = misfit(campaign(tmp_path, case, "delta-linear")).readings
@@ -431,6 +433,7 @@ def test_another_zero_is_named_where_no_row_has_a_pose(tmp_path: Path, machine: 
     assert "Correct the zero of" in refused.value.hint
 
 
+@pytest.mark.slow
 def test_limits_are_not_told_beside_what_explains_them(tmp_path: Path) -> None:
     problem = campaign(tmp_path, "sign-all", "3-RRR")
     found = check(problem.mechanism, problem.datasets).misreadings
@@ -496,6 +499,7 @@ def test_commands_refuse_the_file_of_another_machine(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("machine", ["delta-linear", "hexapod"])
+@pytest.mark.slow
 def test_rows_that_hold_each_others_measurements_are_told(tmp_path: Path, machine: str) -> None:
     problem = campaign(tmp_path, "shuffled", machine)
     with pytest.raises(InterpretationError, match="rows are in another order") as refused:

@@ -37,6 +37,7 @@ def found(times: float) -> Identification:
     return report(identify(problem(times), METHOD), METHOD, 0.0, 0)
 
 
+@pytest.mark.slow
 def test_no_parameter_is_less_certain_than_its_tolerance() -> None:
     result = found(TIMES)
     assert result.noise.failed

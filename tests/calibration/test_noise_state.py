@@ -118,6 +118,7 @@ def test_intervals_that_hold_less_often_say_so(method: str, said: bool) -> None:
     assert any("held the truth" in t for t in short_intervals(method)) == said
 
 
+@pytest.mark.slow
 def test_tolerances_that_are_too_tight_are_said_wherever_a_person_looks(tmp_path: Path) -> None:
     """Console, JSON and page say so, and the exit code is that of a finding."""
     run("init", "3-RPR", "--out", tmp_path / "mine.yaml", expect=0)

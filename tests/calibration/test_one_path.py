@@ -69,6 +69,7 @@ def said(machine: Mechanism, *data: Dataset) -> list[list[tuple[str, str]]]:
     ("3-RPR", in_the_base, "frame", "frame: unknown"),
     ("delta-linear", in_the_base, "frame", "frame: unknown"),
     pytest.param("3-RPR", at_the_origin, "target", "target: unknown", marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_what_the_sidecar_says_of_where_it_was_measured_is_doubted(
         kind: str, change: Callable[[Dataset], Dataset], name: str, mend: str) -> None:
     machine, data = measured(kind)

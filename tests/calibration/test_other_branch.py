@@ -48,8 +48,8 @@ def measured(folder: Path, elbow: int) -> tuple[Path, Path]:
     return file, data
 
 
-@pytest.mark.slow_cases("True")
 @pytest.mark.parametrize("other", [False, True])
+@pytest.mark.slow
 def test_the_branch_is_checked_and_told(tmp_path: Path, other: bool) -> None:
     own = ppmcal.load(ROOT / "configs" / "3-RRR-1.yaml").limbs[0].branch or 1
     file, data = measured(tmp_path, -own if other else own)

@@ -107,6 +107,7 @@ def test_a_caliper_value_typed_wrong_is_named(tmp_path: Path) -> None:
     assert row.predicted == pytest.approx(good.value[1], abs=2e-4)
 
 
+@pytest.mark.slow
 def test_a_distance_that_stands_alone_is_unchecked(tmp_path: Path) -> None:
     mechanism = printer(tmp_path, ratio={"value": -0.0125, "tolerance": 1e-3})
     rng = np.random.default_rng(3)

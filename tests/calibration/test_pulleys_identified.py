@@ -47,6 +47,7 @@ def test_sheaves_and_swivels_are_identified_without_noise():
                                atol=1e-9)
 
 
+@pytest.mark.slow
 def test_pulleys_in_the_plane_define_the_frame_of_their_base(tmp_path):
     """Three coordinates of pulleys are the gauge: the zeros turn with them, by the offsets."""
     own = tree("cable-4-pulleys")

@@ -96,6 +96,7 @@ def visited_twice(data: Dataset, play: float, lost: int, rng: np.random.Generato
     return other(own, q=own.q + side, position=position, rotation=rotation)
 
 
+@pytest.mark.slow
 def test_a_reading_that_is_right_for_most_rows_only_does_not_explain_a_file() -> None:
     """Poses visited twice, by drives with play: a row late, more than half of the rows fit."""
     machine, data = made(Case("3-RRR-1"), 2)

@@ -42,6 +42,7 @@ def test_anchors_repeat_from_run_to_run(tmp_path):
                                atol=4e-3)
 
 
+@pytest.mark.slow
 def test_worthless_readings_of_a_run_are_found(tmp_path):
     """The owner: at least one reading of run 29 is worthless. One belt is off by 56 mm there."""
     rows = identified(tmp_path, "old-runs-29").identification.gross_errors.rows

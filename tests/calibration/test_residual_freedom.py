@@ -70,6 +70,7 @@ def test_both_ways_to_solve_agree(fits: list) -> None:
         assert values_fitted(*small.seen(), fit.prior) == pytest.approx(own, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_noise_of_a_zero_s_shift_is_that_of_the_rows(hexapod: Mechanism) -> None:
     """With noise stated three times too small, variances are nine times as large."""
     variance = []

@@ -112,6 +112,7 @@ def test_a_row_is_as_far_as_it_is_from_what_the_others_predict(
     assert found == pytest.approx(expected, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_row_that_moves_away_loses_its_weight_by_and_by(campaign: tuple[Problem, Fit]) -> None:
     """No estimate jumps to where it is without the row."""
     _, fit = campaign

@@ -61,8 +61,8 @@ def off(mechanism: Mechanism, scale: float = 1.0, seed: int = 3) -> Mechanism:
 # --- ways -------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow_cases("3-RPS", "6-RUS", "6-UPS", "delta-rotary", "3-RPR")
 @pytest.mark.parametrize("name", ["3-RPR", "3-RRR-1", "3-RPS", "6-RUS", "6-UPS", "delta-rotary"])
+@pytest.mark.slow
 def test_ways_that_a_fine_search_finds_unsound_are_found(name: str) -> None:
     """Beyond the box inside limits some ways lead out of limits, or through singularities."""
     mechanism = machine(name)
@@ -84,7 +84,10 @@ def test_ways_that_a_fine_search_finds_unsound_are_found(name: str) -> None:
     np.testing.assert_array_equal(mine, wrong)
 
 
-@pytest.mark.slow_cases("cable-8", "cable-8-pulleys", "delta-linear-6rods", "delta-rotary-6rods")
+@pytest.mark.slow_cases(
+    "3-RPS", "3-UPU", "6-PUS", "6-RUS", "cable-4-pulleys", "delta-parallelograms", "hangprinter",
+    "linapod", "maslow", "mixed-spatial", "passive-legs", "tricept", "cable-8", "cable-8-pulleys",
+    "delta-linear-6rods", "delta-rotary-6rods")
 @pytest.mark.parametrize("name", CONFIGS)
 def test_no_way_inside_the_workspace_is_refused(name: str) -> None:
     mechanism = machine(name)
@@ -95,6 +98,7 @@ def test_no_way_inside_the_workspace_is_refused(name: str) -> None:
     assert unsafe_ways(off(mechanism), found) == {}
 
 
+@pytest.mark.slow
 def test_a_way_through_a_singularity_is_refused_and_the_next_row_is_come_to_again() -> None:
     """A 3-RRR has sound poses on both ends of ways that cross where det A changes its sign."""
     mechanism = machine("3-RRR-1")
@@ -154,8 +158,8 @@ def path_of(mechanism: Mechanism, count: int = 60) -> Array:
     return placed(mechanism, chosen, (low + high) / 2.0 + 0.4 * (high - low) * np.sin(t))
 
 
-@pytest.mark.slow_cases("3-RPS", "6-RUS", "6-UPS", "delta-rotary")
 @pytest.mark.parametrize("name", ["3-RPR", "6-UPS", "3-RPS", "delta-rotary", "6-RUS"])
+@pytest.mark.slow
 def test_a_joint_that_jumps_between_neighbours_is_refused(name: str) -> None:
     """Another root, a turn too many: the targets do not jump, so the commands must not."""
     mechanism = off(machine(name))
@@ -190,6 +194,7 @@ def test_a_jump_is_seen_where_effects_take_the_pose_off_the_geometry() -> None:
     assert "jump" in refused[10]
 
 
+@pytest.mark.slow
 def test_a_turn_the_long_way_round_is_refused() -> None:
     mechanism = off(machine("delta-rotary"))
     free = replace(mechanism, limits=np.tile([-np.inf, np.inf], (3, 1)))
@@ -349,6 +354,7 @@ def conditions(mechanism: Mechanism, count: int) -> dict[str, Array]:
 
 @pytest.mark.parametrize("kind", [
     k if k in QUICK else pytest.param(k, marks=pytest.mark.slow) for k in KINDS])
+@pytest.mark.slow
 def test_a_condition_that_changes_commands_is_never_taken_as_zero(kind: str) -> None:
     """Whatever column moves a command: without it the targets are refused, or the row is."""
     mechanism = acting(kind)

@@ -55,6 +55,7 @@ def residual(problem, state, row, x, step):
     return np.concatenate([*own, away[np.isfinite(measured)]])
 
 
+@pytest.mark.slow_cases("stewart", "cables that gap", "stewart that gaps")
 def test_chi_squared_is_that_of_the_most_likely_poses(bench):
     problem, state = bench
     keep = [np.ones(12, dtype=bool)]
@@ -69,6 +70,7 @@ def test_chi_squared_is_that_of_the_most_likely_poses(bench):
     assert found.count == 12 * (measured + extra)
 
 
+@pytest.mark.slow
 def test_information_is_that_with_the_poses_eliminated(bench):
     """The normal equations of parameters and poses together, less the poses (Schur complement)."""
     problem, state = bench
@@ -92,6 +94,7 @@ def test_information_is_that_with_the_poses_eliminated(bench):
                                atol=5e-3)
 
 
+@pytest.mark.slow
 def test_the_gradient_is_exact(bench):
     """Chi-squared's own differences, though what eliminates the poses is held in a step."""
     problem, state = bench

@@ -53,6 +53,7 @@ def sideways(mechanism: Mechanism, size: float) -> Mechanism:
         "x", x, np.full(5, size), np.zeros((5, 5)), acts="x")), (True,) * 3, {})
 
 
+@pytest.mark.slow
 def test_tolerances_are_carried_to_the_platform() -> None:
     """One tolerance at a time, by differences."""
     mechanism = machine()
@@ -66,6 +67,7 @@ def test_tolerances_are_carried_to_the_platform() -> None:
     assert sigma == pytest.approx(np.sqrt(square), rel=0.02)
 
 
+@pytest.mark.slow
 def test_machines_within_tolerances_are_commanded() -> None:
     assert all(set(commands(off(machine(), 1.0, seed)).status) == {"ok"} for seed in range(8))
 

@@ -44,8 +44,8 @@ def crossed():
     return {n: v for n, v in tree.items() if n != "limits"}
 
 
-@pytest.mark.slow_cases("rope_cage")
 @pytest.mark.parametrize("tree", [belts, crossed, stewart, rope_cage], ids=lambda t: t.__name__)
+@pytest.mark.slow
 def test_what_is_found_is_the_truth_in_another_frame(tree, tmp_path):
     """Joints without noise: poses that no row had come out to less than 1e-9 m."""
     file = tree()
@@ -65,6 +65,7 @@ def test_what_is_found_is_the_truth_in_another_frame(tree, tmp_path):
     assert apart(machine, ours.pose, pose) < 1e-9
 
 
+@pytest.mark.slow
 def test_an_effect_that_follows_the_joints_is_in_the_machine(tmp_path):
     """Without an instrument it follows from the pose, and so settles with it."""
     bent = {"kind": "gain", "on": ["tl"], "parameters": {"gain": 2e-3}}
@@ -92,6 +93,7 @@ def test_the_noise_of_joints_has_to_be_said(tmp_path):
         ppmcal.read_data(path, table, sidecar={"instrument": {"kind": "none", "sigma": {}}})
 
 
+@pytest.mark.slow
 def test_a_wrong_reading_is_found_by_its_limb(tmp_path):
     file = belts()
     path = written(tmp_path, file)
@@ -145,6 +147,7 @@ def test_promised_errors_are_the_true_ones_in_the_frame_that_is_defined(gauge, t
     assert 0.8 < np.sqrt(np.mean(promised) / np.mean(true)) < 1.25
 
 
+@pytest.mark.slow
 def test_what_defines_the_frame_is_no_uncertainty_and_stays_so(tmp_path):
     """Not of the machine that was calibrated, nor where its file is calibrated again."""
     file = belts_of("base", 20)
@@ -161,6 +164,7 @@ def test_what_defines_the_frame_is_no_uncertainty_and_stays_so(tmp_path):
     assert not first.mechanism.registrations and first.mechanism.self_calibrated
 
 
+@pytest.mark.slow
 def test_blocks_of_rows_differ_in_units_of_their_own_noise(tmp_path):
     """A gap that is smooth over the workspace: intervals are those of a cluster-robust sandwich."""
     file = belts()
@@ -196,8 +200,8 @@ def before_the_change(tmp_path_factory):
     return folder
 
 
-@pytest.mark.slow_cases("0.001")
 @pytest.mark.parametrize("strain", [0.001, 0.003])
+@pytest.mark.slow
 def test_a_changed_pull_of_ropes_is_what_compare_names(strain, before_the_change, tmp_path):
     path = before_the_change / "m.yaml"
     made = ppmcal.simulate(path, pulled(belts(), strain, 12))
@@ -211,6 +215,7 @@ def test_a_changed_pull_of_ropes_is_what_compare_names(strain, before_the_change
     assert abs(change.parts[0].value - 0.002) < 4.0 * change.parts[0].sigma
 
 
+@pytest.mark.slow
 def test_other_runs_are_validated_by_how_far_limbs_are_from_closing(tmp_path):
     file = belts()
     path = written(tmp_path, file)
@@ -232,6 +237,7 @@ def test_other_runs_are_validated_by_how_far_limbs_are_from_closing(tmp_path):
     assert "closure_rms" in header and told.record.column_units["closure_rms"] == "mm"
 
 
+@pytest.mark.slow
 def test_before_is_told_without_an_instrument_that_is_not_there(tmp_path):
     file = belts()
     path = written(tmp_path, file)
@@ -245,6 +251,7 @@ def test_before_is_told_without_an_instrument_that_is_not_there(tmp_path):
     (belts, "bl with br, tr with tl"), (cables, "c0 with c3, c1 with c2"),
     (rope_cage, "r1 with r2, r3 with r4, r5 with r6, r7 with r8"), (stewart, None)],
     ids=["belts", "cables", "cage", "stewart"])
+@pytest.mark.slow_cases("cables", "cage")
 def test_the_mirror_image_is_told_where_it_fits_as_well(tree, exchanged, tmp_path):
     file = tree()
     path = written(tmp_path, file)

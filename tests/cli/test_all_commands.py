@@ -121,6 +121,7 @@ def test_help_imports_no_heavy_library(args):
     assert not loaded & {"numpy", "scipy", "matplotlib"}
 
 
+@pytest.mark.slow
 def test_no_command_loads_the_statistics_of_scipy():
     """They take as long to load as the rest; scipy.special has what is needed."""
     code = ("import sys\nfrom ppmcal.commands import names, work\nfor name in names(): work(name)\n"
@@ -274,6 +275,7 @@ COMMAND_LINES = {
 
 
 @pytest.mark.parametrize("name", COMMAND_LINES)
+@pytest.mark.slow_cases("identify")
 def test_quiet_and_json(bench, name):
     write_csv(bench / "poses.csv", [{"x": 500, "y": 280, "rz": 28}])
     quiet = ppmcal(name, *COMMAND_LINES[name], "--quiet", cwd=bench, expect=0)
@@ -307,6 +309,7 @@ def test_seed_reproduces_bytes(bench):
     assert first["s{}/measurements.csv"] != other["s{}/measurements.csv"]
 
 
+@pytest.mark.slow
 def test_seed_reproduces_residuals_and_model(bench):
     for out in ("a", "b"):
         ppmcal("identify", "m.yaml", "s/measurements.csv", "--seed", 3, "--out", out, cwd=bench,
@@ -364,6 +367,7 @@ def test_files_and_columns(campaigns, motion):
 
 
 @pytest.mark.parametrize("motion", MACHINES)
+@pytest.mark.slow_cases("spatial")
 def test_parameters_columns(campaigns, motion):
     assert columns(campaigns(motion) / "i" / "parameters.csv") == PARAMETERS
 
@@ -754,6 +758,7 @@ def test_without_optional_columns(bench):
     assert found["noise"]["sigma_ratio"] == pytest.approx(1, abs=0.2)
 
 
+@pytest.mark.slow
 def test_column_order_and_line_ends_do_not_matter(bench):
     wanted = ["rz", "q_leg3", "y", "q_leg1", "x", "q_leg2"]
     pick(bench / "s" / "measurements.csv", wanted, bench / "d.csv")
@@ -764,6 +769,7 @@ def test_column_order_and_line_ends_do_not_matter(bench):
     assert values(refit(bench, UNKNOWN_TARGET)) == pytest.approx(first, rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_commanded_poses_instead_of_joints(bench):
     """cmd_ columns are turned into joints with the nominal model."""
     data = bench / "s" / "measurements.csv"
@@ -805,6 +811,7 @@ def test_quaternions(campaigns, tmp_path):
     assert second == pytest.approx(first, rel=1e-6, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_two_files_with_a_frame_each(bench):
     for k, frame in enumerate(({"x": 5, "y": -3, "rz": 10}, {"x": -900, "y": 40, "rz": 170})):
         # the same machine twice: errors named, only the instrument moved
@@ -918,6 +925,7 @@ def test_leg_length_header(campaigns, tmp_path):
 # ---------------------------------------------------------------- options of identify
 
 
+@pytest.mark.slow
 def test_free_patterns(bench):
     ppmcal("identify", "m.yaml", "s/measurements.csv", "--free", "*.offset", "--out", "o",
            cwd=bench)
@@ -932,6 +940,7 @@ def test_free_patterns(bench):
     assert yaml.safe_load((bench / "p" / "identified.yaml").read_text())["free"] == ["*.offset"]
 
 
+@pytest.mark.slow
 def test_free_fifteen_of_the_paper(bench):
     """[PPM]: fifteen, of which the passive angles joint1.rz are redundant."""
     text = (bench / "m.yaml").read_text()
@@ -956,6 +965,7 @@ def test_flat_prior(bench):
             assert p["sigma"] == pytest.approx(p["sigma_data"], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_flat_prior_with_redundancy_has_no_nan(bench):
     run = ppmcal("identify", "m.yaml", "s/measurements.csv", "--prior", "flat", "--out", "o",
                  "--json", cwd=bench, expect=0)
@@ -994,6 +1004,7 @@ def test_damped(bench):
     assert values(found)["leg2.offset"] == pytest.approx(-0.4, abs=0.02)
 
 
+@pytest.mark.slow
 def test_holdout_other_file(bench):
     errors = {"leg1.offset": 0.5, "leg2.base.point.x": -0.4}
     for k in range(2):

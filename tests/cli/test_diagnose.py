@@ -279,6 +279,7 @@ def test_an_effect_whose_column_was_not_recorded_is_not_called_another(tmp_path:
                    for v in e["parameters"].values()), e["kind"]
 
 
+@pytest.mark.slow
 def test_columns_that_do_not_change(tmp_path: Path) -> None:
     """Every row approached from one side, one load, one temperature: nothing follows them."""
     simulate(tmp_path, "3-RPR", [], approach="one",
@@ -295,7 +296,7 @@ def test_columns_that_do_not_change(tmp_path: Path) -> None:
     assert found["verdict"] in ("none", "weak")
 
 
-@pytest.mark.slow_cases("6")
+@pytest.mark.slow_cases("10", "6")
 @pytest.mark.parametrize("count", [1, 2, 6, 10])
 def test_hardly_any_data(tmp_path: Path, count: int) -> None:
     """A clear refusal or a verdict that claims nothing."""
@@ -310,6 +311,7 @@ def test_hardly_any_data(tmp_path: Path, count: int) -> None:
     assert found["verdict"] in ("none", "weak")
 
 
+@pytest.mark.slow
 def test_four_poses(tmp_path: Path) -> None:
     test_hardly_any_data(tmp_path, 4)
 
@@ -577,6 +579,7 @@ def test_the_same_command_writes_the_same_bytes(made: Callable[[str], Path],
 
 
 @pytest.mark.parametrize("name", CAMPAIGNS)
+@pytest.mark.slow
 def test_output_is_no_wider_than_a_terminal(made: Callable[[str], Path], name: str) -> None:
     """And tells the verdict, every named effect and what to do next."""
     text = (made(name) / "out.txt").read_text()
@@ -587,6 +590,7 @@ def test_output_is_no_wider_than_a_terminal(made: Callable[[str], Path], name: s
         assert kind in text
 
 
+@pytest.mark.slow
 def test_only_the_kinds_that_were_asked_for(made: Callable[[str], Path], tmp_path: Path) -> None:
     folder = shutil.copytree(made("none"), tmp_path / "c")
     _, found = diagnose(folder, DATA, "--kind", "backlash", "--kind", "drift")

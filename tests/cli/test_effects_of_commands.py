@@ -306,6 +306,7 @@ def compensated(folder: Path, *args: str) -> list[dict[str, str]]:
     return rows(folder / "c" / "commands.csv")
 
 
+@pytest.mark.slow
 def test_commands_cancel_backlash_and_compliance(tmp_path: Path) -> None:
     """From dir_ and payload columns; sent to the machine, the commands reach what was wanted."""
     effects = ACTING[:2]

@@ -115,8 +115,11 @@ ROWS = {
 }
 
 
-@pytest.mark.slow_cases("two rows far beyond any machine-identify", "two rows typed wrong-identify",
-                        "one in five wrong-identify", "two rows far beyond any machine-check")
+@pytest.mark.slow_cases(
+    "poses apart by round-off-identify", "poses hardly apart-identify",
+    "two rows typed wrong-check", "two rows far beyond any machine-identify",
+    "two rows typed wrong-identify", "one in five wrong-identify",
+    "two rows far beyond any machine-check")
 @pytest.mark.parametrize("command", ["check", "identify"])
 @pytest.mark.parametrize("name", ROWS)
 def test_rows_that_tell_little_or_nothing(bench, tmp_path, name, command):
@@ -175,9 +178,9 @@ TOLERANCES = {0.0: None, 1e-300: "is implausible", 1e-15: "is implausible", 1e-9
               1e6: None, math.inf: None, 1e300: "cannot be"}
 
 
-@pytest.mark.slow_cases("0.0-identify", "1e-09-identify", "1e-09-check", "1e-09-sensitivity",
-                        "1000000.0-sensitivity", "inf-sensitivity", "1e-09-tolerances",
-                        "inf-tolerances")
+@pytest.mark.slow_cases(
+    "1000000.0-tolerances", "0.0-identify", "1e-09-identify", "1e-09-check", "1e-09-sensitivity",
+    "1000000.0-sensitivity", "inf-sensitivity", "1e-09-tolerances", "inf-tolerances")
 @pytest.mark.parametrize("command", ["check", "identify", "sensitivity", "tolerances"])
 @pytest.mark.parametrize("value", TOLERANCES)
 def test_tolerances_of_any_size(bench, tmp_path, value, command):
@@ -214,6 +217,7 @@ def test_diagnose_of_rows_that_tell_little(bench, tmp_path, name):
 @pytest.mark.parametrize("name", [
     *(pytest.param(n, marks=pytest.mark.slow) for n in ("poses hardly apart",
                                                         "two rows typed wrong")), "three poses"])
+@pytest.mark.slow_cases("three poses-method0", "three poses-method1", "three poses-method2")
 def test_other_methods_refuse_by_name_too(bench, tmp_path, name, method):
     machine, side, table, _ = bench
     folder = written(tmp_path / "w", machine, side, ROWS[name][1](table))
@@ -321,6 +325,7 @@ def test_a_scaled_machine_gives_scaled_answers(bench, at_one, tmp_path, factor):
 
 
 @pytest.mark.parametrize("turn", [179.999999, 180.0, -179.999999, 178.0])
+@pytest.mark.slow_cases("180.0", "-179.999999", "178.0")
 def test_measured_rotations_about_half_a_turn(tmp_path, turn):
     """A hexapod seen from a frame turned by about 180 degrees: the vectors flip from row to row."""
     ppmcal("init", "6-UPS", "--out", tmp_path / "mine.yaml", expect=0)

@@ -56,6 +56,7 @@ def test_what_identify_tells(desk):
                               .get("measurement") or {})
 
 
+@pytest.mark.slow
 def test_what_follows_identify(desk):
     folder, _ = desk
     told = flat(ppmcal("validate", "i", "e1/measurements.csv", "--out", "v", cwd=folder,

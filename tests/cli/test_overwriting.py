@@ -118,7 +118,7 @@ def test_a_folder_of_another_command_is_refused(name: str, here: Path) -> None:
     assert tree(here) == before
 
 
-@pytest.mark.slow_cases("report")
+@pytest.mark.slow_cases("import", "identify", "figures", "certify", "report")
 @pytest.mark.parametrize("name", slowly(FOLDERS))
 def test_a_command_replaces_its_own_results_and_takes_stale_ones_away(
         name: str, done: Callable[[str], tuple[int, Path]], tmp_path: Path,
@@ -149,6 +149,7 @@ def test_a_command_replaces_its_own_results_and_takes_stale_ones_away(
 
 
 @pytest.mark.parametrize("name", slowly(FOLDERS))
+@pytest.mark.slow_cases("identify", "certify")
 def test_no_force_replaces_an_input(name: str, done: Callable[[str], tuple[int, Path]], here: Path
                                     ) -> None:
     """Every input stands in the folder of the results too, under each name that is written."""
@@ -187,6 +188,7 @@ def test_what_lifts_a_refusal_replaces_nothing(name: str, here: Path) -> None:
 
 
 @pytest.mark.parametrize("name", FILES)
+@pytest.mark.slow_cases("check")
 def test_single_files_do_not_replace_what_is_there(name: str, here: Path) -> None:
     before = tree(here)
     run = ppmcal(name, *shlex.split(FILES[name]), cwd=here, expect=2)
@@ -207,6 +209,7 @@ def test_the_data_of_a_run_is_no_place_for_its_results(here: Path) -> None:
     assert tree(here) == before
 
 
+@pytest.mark.slow
 def test_an_edited_machine_is_not_imported_over(here: Path) -> None:
     ppmcal("import", "klipper", "printer.cfg", cwd=here, expect=0)
     machine = here / "imported" / "machine.yaml"
@@ -227,13 +230,11 @@ main()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="has no such limit")
-@pytest.mark.slow_cases("check mine.yaml --draw machine.html", "import klipper printer.cfg --out o",
-                        "init 6-UPS --out mine.yaml --force",
-                        "simulate mine.yaml mine.scenario.yaml --out may")
 @pytest.mark.parametrize("line", [
     "init 6-UPS --out new.yaml", "init 6-UPS --out mine.yaml --force",
     "check mine.yaml --draw machine.html", "import klipper printer.cfg --out o",
     "simulate mine.yaml mine.scenario.yaml --out may"])
+@pytest.mark.slow
 def test_a_file_that_cannot_be_written_to_its_end_leaves_nothing(line: str, here: Path) -> None:
     """As on a full disk: `init` left half a file."""
     before = tree(here)
@@ -259,6 +260,10 @@ def test_a_machine_that_another_extends_is_an_input(here: Path) -> None:
 @pytest.mark.parametrize("line", [
     "read log.csv --mechanism mine.yaml --sidecar run1.yaml --out {} --force",
     "identify mine.yaml log.csv --out {} --force"])
+@pytest.mark.slow_cases(
+    "identify mine.yaml log.csv --out {} --force-hard link",
+    "identify mine.yaml log.csv --out {} --force-symbolic link",
+    "identify mine.yaml log.csv --out {} --force-way round")
 def test_an_input_under_another_name_stays(line: str, alias: str, here: Path) -> None:
     shutil.copy(here / "run1.yaml", here / "log.yaml")
     other = here / "out" / "residuals.csv"

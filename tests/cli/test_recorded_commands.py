@@ -121,6 +121,7 @@ def test_the_same_sidecar_reads_them_back(compensated):
                                                      abs=0.501 * steps[name])
 
 
+@pytest.mark.slow
 def test_joints_as_the_machine_has_them_are_in_commands_csv_alone(bench):
     """And asked for, they are as any file has them."""
     ppmcal("identify", "m.yaml", "sim/measurements.csv", cwd=bench)

@@ -134,6 +134,7 @@ def test_a_model_whose_fit_had_not_converged_is_refused_with_exit_3(
 
 
 @pytest.mark.parametrize(("more", "code"), [([], 0), (["--iterations", "2"], 3)])
+@pytest.mark.slow_cases("more0-0")
 def test_a_damped_fit_is_taken_that_ended_at_the_noise(bench: Path, tmp_path: Path,
                                                        more: list[str], code: int) -> None:
     run = ppmcal("identify", "m.yaml", "s_good/measurements.csv", "--method", "damped", *more,
@@ -143,6 +144,7 @@ def test_a_damped_fit_is_taken_that_ended_at_the_noise(bench: Path, tmp_path: Pa
            tmp_path / "o", cwd=bench, expect=code)
 
 
+@pytest.mark.slow
 def test_noise_that_was_stated_too_small_is_mended_as_the_message_says(bench: Path, tmp_path: Path
                                                                       ) -> None:
     ppmcal("identify", "m.yaml", "s_bad/measurements.csv", "--sigma", "estimated", "--out",

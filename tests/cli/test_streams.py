@@ -55,6 +55,7 @@ def test_help_into_a_full_disk(args):
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="there is no /dev/full")
+@pytest.mark.slow
 def test_the_exit_code_stands_although_nobody_can_read_why(tmp_path):
     with FULL.open("w") as full:
         run = process(*EXECUTABLE, "check", tmp_path / "none.yaml", stderr=full)
@@ -149,8 +150,8 @@ def test_full_streams_of_each_command(bench, tmp_path, name, which):
     assert not list(tmp_path.rglob(".ppmcal.*.part"))
 
 
-@pytest.mark.slow_cases("identify", "diagnose", "check")
 @pytest.mark.parametrize("name", ["check", "simulate", "identify", "diagnose"])
+@pytest.mark.slow
 def test_nobody_reads_to_the_end(bench, tmp_path, name):
     """As with ``| head -1``."""
     words, folder = words_of(name, tmp_path)

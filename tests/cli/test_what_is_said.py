@@ -80,6 +80,7 @@ def test_fewer_numbers_than_unknowns_are_a_finding(bench: Path) -> None:
     assert "the tolerances decide" not in " ".join(run.out.split())
 
 
+@pytest.mark.slow
 def test_which_point_targets_are_of_is_said(bench: Path) -> None:
     """Of the mark that was measured, or of the platform's origin, 51 mm beside it."""
     ppmcal("identify", "m.yaml", "a.csv", "--out", "i", "--keep-outliers", cwd=bench,

@@ -79,6 +79,7 @@ def test_json_lines_are_sets_of_samples(tmp_path):
     assert tree["tolerances"]["point"] == 50
 
 
+@pytest.mark.slow
 def test_arrays_and_the_machines_own_config_give_its_anchors(tmp_path):
     """Import, fit, export: what the firmware makes of M669 then suits the lines."""
     points = places(24)
@@ -99,6 +100,7 @@ def test_arrays_and_the_machines_own_config_give_its_anchors(tmp_path):
     assert olds["M669 Dz"] == 2350.0
 
 
+@pytest.mark.slow
 def test_line_positions_alone_give_the_shape(tmp_path):
     points = places(60)
     (tmp_path / "samp.py").write_text(f"samp = {lines(points).tolist()}\n")

@@ -199,6 +199,7 @@ def test_heights_alone_leave_the_rods_within_their_tolerance(tmp_path: Path) -> 
     assert apart(read_back(tmp_path), true) < 0.2     # mm, of the rods' 2 mm: tolerances pull
 
 
+@pytest.mark.slow
 def test_rods_that_differ_are_single(tmp_path: Path) -> None:
     text = printer_cfg(OLD, TRUE).replace("[stepper_c]", "[stepper_c]\narm_length: 300.2")
     (tmp_path / "p.cfg").write_text(text)
@@ -313,6 +314,7 @@ def test_single_radii_heights_and_turns_are_expressed(tmp_path: Path) -> None:
     assert np.degrees(found.after.removed.turn) == pytest.approx(-10, abs=1.0)
 
 
+@pytest.mark.slow
 def test_a_changed_drive_ratio_is_told_as_rotation_distance(tmp_path: Path) -> None:
     path = changed(tmp_path, {"c": {"ratio": {"value": 1.001, "nominal": 1.0, "tolerance": 0.01}}})
     found = project(read_mechanism(path), KLIPPER)
@@ -370,6 +372,7 @@ def test_any_file_is_refused_in_words(tmp_path: Path, content: bytes) -> None:
         assert "p.cfg" in run.err and "fault of ppmcal" not in run.err
 
 
+@pytest.mark.slow
 def test_cut_and_scrambled_files_never_end_in_a_traceback(tmp_path: Path) -> None:
     draw = random.Random(3)
     text = printer_cfg(OLD, TRUE).encode()

@@ -106,8 +106,8 @@ def unsaved(where: Path) -> str:
         "BELOW. The contents are auto-generated.", "")
 
 
-@pytest.mark.slow_cases("including")
 @pytest.mark.parametrize("make", [sample, uncommented, including, unsaved])
+@pytest.mark.slow
 def test_import_and_the_written_copy_are_what_klipper_reads(tmp_path: Path, make) -> None:
     path = tmp_path / "printer.cfg"
     path.write_text(make(tmp_path))

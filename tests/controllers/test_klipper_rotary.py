@@ -105,6 +105,7 @@ def test_a_printer_goes_out_as_it_came_in(tmp_path):
             read_rotary(read_config(tmp_path / "printer.cfg")).array()))).rounded()
 
 
+@pytest.mark.slow
 def test_touches_and_distances_find_the_printer(printer):
     """Identified from its own file, its new numbers bring it where it is told to within 0.02 mm."""
     for words in (("import", "klipper", "printer.cfg"),
@@ -123,6 +124,7 @@ def test_touches_and_distances_find_the_printer(printer):
     assert ran.code == 2 and "copies are written of linear deltas alone" in ran.err
 
 
+@pytest.mark.slow
 def test_what_one_radius_cannot_hold_is_fitted_and_told(tmp_path):
     (tmp_path / "printer.cfg").write_text(printer_cfg(TRUE))
     import_config("klipper", tmp_path / "printer.cfg").save(tmp_path / "in")

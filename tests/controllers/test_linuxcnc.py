@@ -255,6 +255,7 @@ def test_any_file_is_refused_in_words(tmp_path: Path, content: bytes) -> None:
     assert "k.hal" in run.err and "fault of ppmcal" not in run.err
 
 
+@pytest.mark.slow
 def test_cut_and_scrambled_files_never_end_in_a_traceback(tmp_path: Path) -> None:
     draw = random.Random(5)
     text = pins_text().encode()
@@ -531,6 +532,7 @@ def test_a_machine_that_is_no_hexapod_is_refused(tmp_path: Path) -> None:
     assert "(P)US" in run.err and "six limbs U(P)S" in " ".join(run.err.split())
 
 
+@pytest.mark.slow
 def test_limits_that_leave_no_pose_are_refused(tmp_path: Path) -> None:
     path = changed(tmp_path, more={"limits": {n: [3000, 3100] for n in NAMES}})
     run = ppmcal("export", "linuxcnc", path, cwd=tmp_path, expect=3)

@@ -108,6 +108,7 @@ def test_a_printer_goes_out_as_it_came_in(tmp_path):
     assert "lowest endstop" in told and "A, B and C of M665" in told
 
 
+@pytest.mark.slow
 def test_a_leaning_tower_is_told_with_its_cost(tmp_path):
     tree = yaml.safe_load((ROOT / "configs" / "delta-linear.yaml").read_text())
     tree["limbs"][0]["base"]["direction"] = [0.01, 0.0, 1.0]

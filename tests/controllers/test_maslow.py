@@ -51,6 +51,7 @@ def runs(path):
 HIGH = {"bl": 34.0, "br": 78.0, "tr": 56.0, "tl": 100.0}
 
 
+@pytest.mark.slow
 def test_heights_of_anchors_are_taken_from_the_keys_and_written_back(tmp_path):
     """Belts from four heights: their fit is the frame, and the firmware's own sums make it so."""
     def belts(p):
@@ -93,6 +94,7 @@ def test_a_height_beyond_its_belt_is_refused(tmp_path):
 # --- reading ------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_every_run_is_a_file_and_their_fit_is_the_frame(tmp_path):
     path = log(tmp_path, "[MSG:INFO: start]", clbm(readings(places(20))), "Run two:", "",
                *(f"{r}," for r in readings(places(15, 2))), "(0, 0), (3030.49, 0)")
@@ -278,6 +280,7 @@ def keys(found):
 
 @pytest.mark.parametrize(("turn", "shift"), [(0.0, (0.0, 0.0)), (0.02, (30.0, -12.0)),
                                              (np.pi, (500.0, 9.0))])
+@pytest.mark.slow_cases("3.141592653589793-shift2")
 def test_anchors_are_in_the_frame_of_the_maslow(tmp_path, turn, shift):
     found = export("maslow", frame_of(tmp_path, turn, shift))
     for belt, place in TRUE.items():
@@ -288,6 +291,7 @@ def test_anchors_are_in_the_frame_of_the_maslow(tmp_path, turn, shift):
     assert not found.exported.not_expressed
 
 
+@pytest.mark.slow
 def test_what_keys_cannot_hold_is_told_with_its_cost(tmp_path):
     found = export("maslow", frame_of(tmp_path, 0.0, (0.0, 0.0), offset=4.0))
     (lack,) = found.exported.not_expressed
@@ -297,6 +301,7 @@ def test_what_keys_cannot_hold_is_told_with_its_cost(tmp_path):
     assert 1e-4 < lack.cost.rms < 4e-3
 
 
+@pytest.mark.slow
 def test_the_old_file_is_compared_and_copied(tmp_path):
     path = frame_of(tmp_path, 0.0, (0.0, 0.0))
     (tmp_path / "maslow.yaml").write_text(
@@ -331,6 +336,7 @@ def test_machines_that_are_no_maslow_are_refused(tmp_path):
         export("maslow", written(tmp_path, tree))
 
 
+@pytest.mark.slow
 def test_a_self_calibrated_machine_is_known_in_its_own_frame(tmp_path):
     """Import, identification, export: what defines the frame adds nothing to its uncertainty."""
     path = written(tmp_path, belts())
@@ -346,6 +352,7 @@ def test_a_self_calibrated_machine_is_known_in_its_own_frame(tmp_path):
 
 
 @real
+@pytest.mark.slow
 def test_an_owners_ten_runs(tmp_path):
     """Anchors as his own program finds them, within what these runs leave open."""
     import_config("maslow", DATA / "ten-runs-01.csv").save(tmp_path / "o")
@@ -358,6 +365,7 @@ def test_an_owners_ten_runs(tmp_path):
 
 
 @real
+@pytest.mark.slow
 def test_all_runs_of_the_owner_are_read():
     with (DATA / "index.csv").open() as stream:
         assert len(list(csv.reader(stream))) > 5

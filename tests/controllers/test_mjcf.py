@@ -68,6 +68,9 @@ def bodies(machine, count):
 
 
 @pytest.mark.parametrize("name", MACHINES)
+@pytest.mark.slow_cases(
+    "offset U(P)S platform", "offset (P)US base", "offset (P)US platform", "offset (R)US base",
+    "offset (R)US platform")
 def test_at_joint_values_mujoco_has_the_platform_where_we_have_it(name):
     world, q, turns, places = bodies(MACHINES[name](), 2)
     for joints, turn, place in zip(q, turns, places, strict=True):

@@ -69,6 +69,7 @@ def test_lengths_are_those_of_the_firmwares_source():
         assert 1e3 * found == pytest.approx([asked(n, pose) for n in numbers], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_nominal_pentapod_goes_out_as_it_is_drawn(tmp_path):
     """The ring is our universal joint whose axes miss each other: both arithmetics are one."""
     ran = ppmcal("export", "linuxcnc", written(tmp_path, tree()), cwd=tmp_path, expect=0)
@@ -79,6 +80,7 @@ def test_a_nominal_pentapod_goes_out_as_it_is_drawn(tmp_path):
     assert "setp pentakins.effector.0.r 45.0000000" in text
 
 
+@pytest.mark.slow
 def test_errors_of_feet_rings_and_drives_are_held_exactly(tmp_path):
     own = tree()
     own["limbs"][0]["base"]["point"] = [changed(500, 1.2), changed(0, -0.4), changed(900, 0.7)]
@@ -96,6 +98,7 @@ def test_errors_of_feet_rings_and_drives_are_held_exactly(tmp_path):
     assert new["pentakins.effector.2.z"] == pytest.approx(159.5)
 
 
+@pytest.mark.slow
 def test_a_joint_beside_the_axis_is_fitted_and_told(tmp_path):
     own = tree()
     own["limbs"][0]["platform"]["point"] = [changed(0, 0.5), 0, 240]
@@ -112,6 +115,7 @@ def test_effects_are_named(tmp_path):
     assert [k.what.split(",")[0] for k in made.exported.not_expressed] == ["effect gain"]
 
 
+@pytest.mark.slow
 def test_what_is_refused(tmp_path, monkeypatch):
     path = written(tmp_path, tree())
     for option in ("old", "poses"):

@@ -184,6 +184,7 @@ def test_a_machine_with_fewer_drives_is_commanded_in_what_they_move(tmp_path: Pa
 
 # ---------------------------------------------------------------- effects
 
+@pytest.mark.slow
 def test_effects_of_state_are_taken_at_rest_and_listed(tmp_path: Path) -> None:
     effects = [{"kind": "gain", "parameters": {"gain": 0.001}},
                {"kind": "backlash", "parameters": {"width": 0.05}},

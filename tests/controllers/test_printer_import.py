@@ -95,6 +95,7 @@ def test_what_is_commented_out_is_nominal_and_what_is_saved_a_result(tmp_path: P
     assert machine.parameters[place].prior_sigma >= 0.5 * (0.14062 - 0.140)
 
 
+@pytest.mark.slow
 def test_before_is_what_identify_says_of_the_same_files(tmp_path: Path) -> None:
     """One definition: the nominal machine on the touches, before any fit."""
     written(tmp_path, config(REAL))
@@ -228,6 +229,7 @@ def test_rods_and_a_printed_part_are_known_as_far_as_the_part_is(tmp_path: Path)
     assert rods["known"][1] < rods["printed"][1] < rods["unknown"][1]
 
 
+@pytest.mark.slow
 def test_what_is_known_of_printed_parts_is_written_once(tmp_path: Path) -> None:
     """0.2 to 0.8 % as the ends of a 95 % interval, said in the file that states it."""
     written(tmp_path, config(REAL, pairs=0.995))
@@ -341,6 +343,7 @@ def test_a_wrong_distance_does_not_pass_for_noise_of_its_file(tmp_path: Path, ro
     assert [np.flatnonzero(~k).tolist() for k in fit.keep] == [[], [row]]
 
 
+@pytest.mark.slow
 def test_console_and_table_say_the_same_of_a_row_that_was_left_out(tmp_path: Path) -> None:
     text = config(REAL, noise=0.01)
     line = next(x for x in text.splitlines() if x.startswith("#*# height4 ="))

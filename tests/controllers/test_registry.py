@@ -61,6 +61,7 @@ def site(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_help_has_a_controller_of_another_package_without_running_it(site):
     for command in ("export", "import"):
         assert "bench" not in words(ppmcal_process(command, "--help", expect=0))
@@ -68,6 +69,7 @@ def test_help_has_a_controller_of_another_package_without_running_it(site):
         assert "FORMAT bench: Offsets of the workshop's controller." in shown
 
 
+@pytest.mark.slow
 def test_a_printer_of_another_package_is_imported(site, tmp_path):
     (tmp_path / "p.txt").write_text("140 300 290")
     ppmcal_process("import", "BENCH", "p.txt", cwd=tmp_path, site=site, expect=0)

@@ -479,6 +479,7 @@ def test_the_same_seed_gives_the_same_plan(planned, tmp_path):
     assert run.json["format"] == "ppmcal/plan/1"
 
 
+@pytest.mark.slow
 def test_a_plan_can_be_measured_and_keeps_its_promise(planned):
     """The fit's own covariance is what the plan foresaw."""
     folder, _ = planned

@@ -101,6 +101,7 @@ def test_places_are_those_where_all_ropes_can_pull(chosen):
 
 
 @pytest.mark.parametrize("name", ["cable-4-planar", "cable-8"])
+@pytest.mark.slow_cases("cable-8")
 def test_ways_of_surplus_limbs_are_those_of_the_platform(name):
     """Ropes whose lengths went straight from place to place would contradict each other."""
     mechanism = read_mechanism(CONFIGS / f"{name}.yaml")

@@ -209,6 +209,7 @@ def linapod(tmp_path: Path, *options: object) -> dict:
                   *options).json
 
 
+@pytest.mark.slow
 def test_six_bars_ten_micrometres_too_long(tmp_path: Path) -> None:
     found = linapod(tmp_path, "--all-components", "--home-only", "--together", "*.joint3.z",
                     "--size", 1e-5)
@@ -299,6 +300,7 @@ def test_every_machine(name: str, tmp_path: Path) -> None:
         m.motion.turns)
 
 
+@pytest.mark.slow
 def test_units_do_not_matter(tmp_path: Path) -> None:
     """The same machine in metres and radians."""
     from dataclasses import replace
@@ -384,6 +386,7 @@ def test_a_singular_home_is_refused(tmp_path: Path) -> None:
     assert run.code == 3 and "singular" in run.err and not (tmp_path / "o").exists()
 
 
+@pytest.mark.slow
 def test_the_size_of_errors_moved_together_is_in_their_unit(tmp_path: Path) -> None:
     path = tmp_path / "m.yaml"
     path.write_text((CONFIGS / "3-PRR-1.yaml").read_text() + '\nfree: ["*.base.angle"]\n')

@@ -699,6 +699,7 @@ def test_a_moment_on_a_delta_is_refused(tmp_path: Path) -> None:
     assert "mx cannot be answered: in translational motion" in run.err
 
 
+@pytest.mark.slow
 def test_a_map_that_nothing_reaches_is_a_finding(tmp_path: Path) -> None:
     edited(tmp_path, "3-RPR", stiffness=PLAIN)
     run = ppmcal("stiffness", "m.yaml", "--grid", "x=90000:91000:3,y", cwd=tmp_path, expect=1)

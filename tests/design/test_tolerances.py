@@ -148,6 +148,7 @@ def test_a_cluster_gives_the_same_machines(tmp_path: Path) -> None:
     assert (tmp_path / "far/errors.csv").read_bytes() == (tmp_path / "near/errors.csv").read_bytes()
 
 
+@pytest.mark.slow
 def test_no_scheduler_is_refused(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     run_ = ppmcal("tolerances", CONFIGS / "3-RPR.yaml", "--accuracy", 1, "--scheduler", "nonsense",
@@ -375,6 +376,7 @@ def test_costs_of_the_file_decide(tmp_path: Path) -> None:
     assert found[100]["leg1.base.point.x"] < found[0.01]["leg1.base.point.x"]
 
 
+@pytest.mark.slow
 def test_task_poses_that_cannot_be_reached_are_named(tmp_path: Path) -> None:
     (tmp_path / "p.csv").write_text("x,y,rz\n500,288,30\n5000,288,30\n520,300,25\n")
     run_ = ppmcal("tolerances", CONFIGS / "3-RPR.yaml", "--accuracy", 1, "--poses",

@@ -262,6 +262,7 @@ def test_a_jump_of_the_determinant_is_no_singularity(kind):
     assert np.linalg.svd(a, compute_uv=False)[:, -1].max() < 1e-6
 
 
+@pytest.mark.slow
 def test_dexterity_with_ratios_and_both_kinds_of_joints():
     """Drive ratios do not matter, joint angles count as arcs at the length scale."""
     limbs = [dict(CASES[k].limbs[i]) for i, k in enumerate(("R(P)R", "(R)RR", "(P)PR"))]
@@ -286,6 +287,7 @@ def test_four_coordinates_have_no_singular_set():
     assert not found.searched and found.nearest is None
 
 
+@pytest.mark.slow
 def test_effects_are_left_out(tmp_path):
     path = edited(tmp_path, "3-RPR", lambda t: t.update(effects=[
         {"kind": "backlash", "on": ["leg1"], "parameters": {"width": 5.0}},
@@ -376,6 +378,7 @@ def test_units_of_the_file(tmp_path):
         b["reachable"]["extent"] * 25.4 * np.degrees(1.0))
 
 
+@pytest.mark.slow
 def test_modes_of_rows_of_joints(tmp_path):
     far, _ = leg_lines(np.array([[0.9, 0.4, np.radians(30)]]))
     (tmp_path / "q.csv").write_text(

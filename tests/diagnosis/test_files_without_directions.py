@@ -52,6 +52,7 @@ def campaign(folder: Path) -> Path:
 FILES = ("heights.csv", "distances.csv", "bed.csv")
 
 
+@pytest.mark.slow
 def test_a_backlash_is_tried_in_the_rows_that_know_their_direction(tmp_path: Path) -> None:
     folder = campaign(tmp_path / "p")
     machine = read_mechanism(folder / "machine.yaml")

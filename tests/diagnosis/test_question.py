@@ -48,6 +48,7 @@ def names(found: SetPosterior) -> list[str]:
     return [found.best.question.blocks[i].family for i in found.best.chosen]
 
 
+@pytest.mark.slow
 def test_columns_are_those_of_the_library() -> None:
     found = asked("3-RPR", [], 1.0, poses=30)
     source = found.columns.parts[0]     # type: ignore[attr-defined]

@@ -39,6 +39,7 @@ def asked(machine: str, kinds: list[str], eta: float = 1.0, frozen: tuple[str, .
                     UnknownCauses(system, all_settings(fit)))
 
 
+@pytest.mark.slow
 def test_frozen_slots_of_one_sort_share_a_prior_and_a_second_of_a_sort_costs_less() -> None:
     found = asked("3-RRR-1", [], frozen=(".proximal", "leg2.distal"))
     at = {b.family: i for i, b in enumerate(found.question.blocks) if b.family.startswith("geom")}
@@ -95,6 +96,7 @@ def test_a_size_that_no_machine_has_is_a_column_in_another_unit() -> None:
     assert not place.named and place.misread
 
 
+@pytest.mark.slow
 def test_a_misread_column_costs_as_much_more_whatever_the_effect() -> None:
     """As the same effect of the column as it is, times the prior of a misreading."""
     found = asked("delta-linear", [], poses=20)
@@ -110,6 +112,7 @@ def test_a_misread_column_costs_as_much_more_whatever_the_effect() -> None:
                           for b in turned)
 
 
+@pytest.mark.slow
 def test_an_effect_is_as_often_plain_as_with_what_it_may_have_beside() -> None:
     found = asked("delta-linear", [], poses=20)
     own = [(b, h) for b, h in zip(found.question.blocks, found.sources, strict=True)

@@ -117,6 +117,7 @@ def test_the_digest_sees_code_and_no_words():
 
 
 @pytest.mark.parametrize("package", sorted({p for s in STUDIES for p in s.engine}))
+@pytest.mark.slow_cases("calibration")
 def test_no_engine_compares_a_sentence(package):
     """So that what a sentence says decides nothing."""
     for path in (ROOT / "ppmcal" / package).rglob("*.py"):

@@ -128,7 +128,8 @@ def ranged(values: np.ndarray, without: np.ndarray, column: np.ndarray, low: flo
 @pytest.mark.parametrize("geometry", [0, 2])
 @pytest.mark.parametrize("roots", [(), (0.3, 2.0), (-0.5,)])
 @pytest.mark.parametrize("known", [NU, OWN])
-@pytest.mark.slow_cases("30.0-roots1-2", "5.0-roots1-0", "5.0-roots1-2")
+@pytest.mark.slow_cases(
+    "30.0-roots1-0", "30.0-roots1-2", "5.0-roots0-0", "5.0-roots1-0", "5.0-roots1-2")
 def test_sign_and_range_are_those_of_the_integral_over_the_coefficient(
         geometry: int, roots: tuple[float, ...], known: float) -> None:
     matrix, values = drawn(3, effect=0.4)

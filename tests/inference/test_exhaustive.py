@@ -147,8 +147,8 @@ def test_a_kind_on_another_joint_is_an_answer_of_its_own(seed: int) -> None:
     assert found.families(0)["play"] > 0.95     # wherever it is
 
 
-@pytest.mark.slow_cases("places0")
 @pytest.mark.parametrize("places", [((2,), ()), ((1, 3), ()), ((1,), (3,))])
+@pytest.mark.slow
 def test_events_are_as_likely_as_all_sets_say(
         places: tuple[tuple[int, ...], ...]) -> None:
     """Events of one family on a, on b, and on both alike: the same set whatever came first."""

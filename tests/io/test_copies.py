@@ -407,6 +407,7 @@ def test_only_new_rows_of_a_file_that_grew_are_carried_on(bench, calibrated, tmp
     assert "is in that calibration already" in " ".join(run.err.split())
 
 
+@pytest.mark.slow
 def test_the_record_of_rows_is_bounded_and_still_tells_a_copy():
     rng = np.random.default_rng(5)
     q, pose = rng.uniform(0.3, 0.9, (30_000, 3)), np.zeros((30_000, 6))
@@ -451,7 +452,7 @@ def test_honest_heights_of_another_day_are_no_copies(printer, seed):
 
 
 @pytest.mark.parametrize("lines", [["a,b"], ["1,2", "1"], ["1e999,1"], [""], ["nan,nan"], []])
-@pytest.mark.slow_cases("lines0")
+@pytest.mark.slow_cases("lines0", "lines2", "lines3")
 def test_rows_in_a_record_that_are_none_do_no_harm(bench, calibrated, tmp_path, lines):
     record = json.loads((calibrated / "identification.json").read_text())
     record["known_rows"][0] |= {"rows": lines, "columns": ["x", "y"]}

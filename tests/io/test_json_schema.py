@@ -29,6 +29,7 @@ def problems(name, content):
 
 
 @pytest.mark.parametrize("name", FILES)
+@pytest.mark.slow_cases("mechanism")
 def test_a_schema_is_one(name):
     Draft202012Validator.check_schema(file_schema(name))
 

@@ -186,6 +186,7 @@ SCENARIOS = {
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.slow_cases("payloads")
 def test_a_scenario_that_asks_for_too_much(name, tmp_path):
     old, new, said = SCENARIOS[name]
     text = (GOOD / "good_scenario.yaml").read_text()

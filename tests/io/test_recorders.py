@@ -195,7 +195,7 @@ def test_limits_tell_whether_readings_may_jump(low: float, high: float, jumps: b
 
 
 @pytest.mark.parametrize("ahead", [0.0, 7.3, -1e6])
-@pytest.mark.slow_cases("-1000000.0")
+@pytest.mark.slow
 def test_the_offset_of_two_clocks_is_found_with_how_surely(tmp_path: Path, ahead: float) -> None:
     one, two, expected = moving(tmp_path, ahead)
     result = ppmcal.read([one, two], MACHINE, interpolate=True, clock_offset="find")

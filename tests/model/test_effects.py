@@ -584,6 +584,7 @@ def test_derivatives_with_all_effects_at_work(name: str, heavy: bool) -> None:
     assert_derivatives(name, kinds)
 
 
+@pytest.mark.slow
 def test_load_derivatives_lack_only_the_loads_own_change() -> None:
     """What is left out shrinks with the deflection."""
     soft = machine("3-RPR")

@@ -66,6 +66,7 @@ def test_forward_undoes_inverse(name: str) -> None:
 
 
 @each
+@pytest.mark.slow_cases("cable-8-pulleys")
 def test_derivatives_are_differences(name: str) -> None:
     """By pose, joint and every slot, radii and axes too: of a rope that leaves askew as well.
 

@@ -115,7 +115,7 @@ def test_no_numbers_break_a_picture(case, shape, log):
 @pytest.mark.parametrize(("shape", "log"), [((2,), False), ((1, 4), True), ((4, 1), False),
                                             ((1, 1), False), ((2, 2), False), ((3, 2, 2), False),
                                             ((2, 2, 10), True)])
-@pytest.mark.slow_cases("shape4-False")
+@pytest.mark.slow_cases("shape4-False", "shape6-True")
 def test_no_shape_breaks_a_picture(shape, log):
     for case in ("one", "wild"):
         check_picture(strange((4, 4))[case], shape, log)
@@ -270,6 +270,7 @@ def test_no_numbers_break_a_curve(case, log):
 
 @pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize("log", [False, True])
+@pytest.mark.slow
 def test_curves_without_points(log):
     for series in ([], [("empty", [], [])], [("one", [1.0], [2.0])], [("one", 3.0, NAN)],
                    [("upright", np.zeros(4), np.arange(4.0))], [("zero", [0, 1], [0, 0])]):

@@ -266,7 +266,7 @@ def test_gap_from_start_to_noise(cases: Callable[[str], Case]) -> None:
 
 @pytest.mark.parametrize("verdict", ["named", "none", *(
     pytest.param(v, marks=pytest.mark.slow) for v in ("named-set", "unnamed"))])
-@pytest.mark.slow_cases("none")
+@pytest.mark.slow
 def test_drawings_are_whole_and_need_nothing_else(cases: Callable[[str], Case], verdict: str
                                                   ) -> None:
     case = cases(verdict)

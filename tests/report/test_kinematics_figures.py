@@ -34,6 +34,7 @@ def figures(result):
     return kinematics_figures(made.record, drawn_columns(made.columns))
 
 
+@pytest.mark.slow
 def test_a_planar_path_over_time_with_what_is_wrong_on_it():
     result = face.inverse(CONFIGS / "3-RPR.yaml", spiral())
     found = figures(result)

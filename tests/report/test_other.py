@@ -300,7 +300,7 @@ def test_all_on_one_page(folders: Path) -> None:
     json.dumps(out, allow_nan=False)
 
 
-@pytest.mark.slow_cases("fit/identification.json")
+@pytest.mark.slow_cases("lean/export.json", "fit/identification.json")
 @pytest.mark.parametrize("source", ["fit/identification.json", "cmp/comparison.json",
                                     "lean/export.json"])
 def test_older_files_make_a_page(folders: Path, tmp_path: Path, source: str) -> None:

@@ -321,6 +321,7 @@ def test_there_is_a_legend_and_no_title() -> None:
     assert {"geometry alone", "with it", "line", "y"} <= set(shown) and "A plot" not in shown
 
 
+@pytest.mark.slow
 def test_letters_without_a_glyph_are_no_boxes() -> None:
     assert printed.known("leg 脚 ±10⁻³ …") == "leg ? ±10⁻³ …"
     strange, known = (printed.paper(plot(name), 84.0, "pdf") for name in ("脚", "?"))

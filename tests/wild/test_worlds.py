@@ -79,6 +79,7 @@ def fit(run, place, data, rounds=6):
 
 @pytest.mark.parametrize("name", [
     pytest.param(m, marks=pytest.mark.slow) if "hexapod" in m else m for m in MACHINES])
+@pytest.mark.slow_cases("delta-rotary")
 def test_clean_files_fit_exactly(name):
     machine, _, geo = true_machine(name, 3)
     plan = Plan(instrument="pose")
