@@ -35,13 +35,14 @@ def test_one_triangle_is_all_rows_and_the_earlier_ones(monkeypatch: pytest.Monke
     pieces = [rng.normal(size=(n, 2, 4)) for n in sizes]
     before = rng.normal(size=(7, 3))
 
-    def blocks(problem: Any, state: Any, i: int, keep: Any, weights: Any) -> Any:
+    def blocks(problem: Any, state: Any, i: int, keep: Any, weights: Any, given: Any) -> Any:
         yield SimpleNamespace(index=np.arange(len(pieces[i])), rows=pieces[i],
                               values=np.full(len(pieces[i]), 2))
 
     monkeypatch.setattr(least_squares, "white_blocks", blocks)
     problem: Any = SimpleNamespace(
         columns=range(3), datasets=sizes, free=(0, 1), mechanism=None,
+        shared_stands=lambda state, keep: None,
         values=lambda index, rows, each: int(each.sum()),
         earlier=SimpleNamespace(rows=lambda *known: (before[:, 2], before[:, :2])))
     problem.earlier_rows = lambda state, size: Problem.earlier_rows(problem, state, size)
