@@ -52,7 +52,7 @@ class LongReadings:
 
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
+class _WhiteRows:
     """White rows ``y`` (N, m), ``jacobian`` (N, m, C), and ``along`` (N, m, K) unit readings.
 
     ``norm`` (N, K): what one unit of a reading is in deviations; ``known``: degrees of freedom of
@@ -141,7 +141,7 @@ def long_readings(y: Array, jacobian: Array, readings: Array, known: float
         known: degrees of freedom of the noise's size.
     """
     norm = np.linalg.norm(readings, axis=1)
-    rows = _Rows(y, jacobian, readings * linalg.reciprocals(norm)[:, None], norm, known)
+    rows = _WhiteRows(y, jacobian, readings * linalg.reciprocals(norm)[:, None], norm, known)
     nothing = rows.evidence(np.full(len(y), -1), 1.0, 1)
     found, log_z = _chosen(rows, True)
     if found is None:
@@ -151,7 +151,7 @@ def long_readings(y: Array, jacobian: Array, readings: Array, known: float
                         log_z - max(either, rows.evidence_of_step(found.kind, found.length)))
 
 
-def _chosen(rows: _Rows, signs: bool) -> tuple[LongReadings | None, float]:
+def _chosen(rows: _WhiteRows, signs: bool) -> tuple[LongReadings | None, float]:
     """Return the rows that are off, by one sign or by both, with their evidence."""
     parameters = _convex(rows, signs)
     kind = np.full(len(rows.y), -1)
@@ -177,7 +177,7 @@ def _chosen(rows: _Rows, signs: bool) -> tuple[LongReadings | None, float]:
             rows.evidence(kind, longest, 1 if signs else 2))
 
 
-def _convex(rows: _Rows, signs: bool) -> Array:
+def _convex(rows: _WhiteRows, signs: bool) -> Array:
     """Return the parameters (C,) by squares, and by straight lines where readings are too long."""
     flat = rows.jacobian.reshape(-1, rows.jacobian.shape[-1])
     solver = linalg.inv(np.eye(flat.shape[1]) + flat.T @ flat) @ flat.T

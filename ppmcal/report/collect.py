@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from ppmcal.errors import BadInput
-from ppmcal.io.results.batch import TABLE
 from ppmcal.report.kind import Folder
 from ppmcal.report.kinds import KINDS, KNOWN
 from ppmcal.report.records import ReportData
 from ppmcal.report.rows import with_measured
 from ppmcal.report.truth import compare, with_copies
-from ppmcal.store.folder import RECORD
+from ppmcal.store.folder import CAMPAIGNS, RECORD
 from ppmcal.store.transaction import recover
 from ppmcal.wording.progress import stage
 
@@ -51,7 +50,7 @@ def results_of(dirs: Sequence[Path]) -> list[Path]:
     """
     out = list[Path]()
     for path in dirs:
-        if not (path / TABLE).is_file():
+        if not (path / CAMPAIGNS).is_file():
             out.append(path)
             continue
         found = _results_below(path)
@@ -84,7 +83,7 @@ def _refuse_strange(folder: Path) -> None:
                        if p.is_dir() and any((p / k).is_file() for k in KNOWN))
     except OSError as error:
         raise BadInput(f"cannot be read ({error.strerror or error})", str(folder), hint) from None
-    if TABLE in names:
+    if CAMPAIGNS in names:
         first = next(iter(_results_below(folder)), None)
         single = "" if first is None else f", or name folders of single results, such as {first}"
         raise BadInput("is the folder of a batch", str(folder),

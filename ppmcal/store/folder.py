@@ -24,6 +24,8 @@ from ppmcal.store.transaction import staged
 from ppmcal.wording import abbreviate_list
 
 RECORD = ".ppmcal.json"
+CAMPAIGNS = "campaigns.parquet"
+"""The table that only the folder of a batch has."""
 FORM = "ppmcal/folder/1"
 HINT = "Name another folder in --out, or replace with {}"
 

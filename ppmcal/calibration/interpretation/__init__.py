@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from ppmcal.calibration.interpretation.read_rightly import (
         refuse_other_machine as refuse_other_machine,
     )
-    from ppmcal.calibration.interpretation.slack_ropes import slack_ropes as slack_ropes
+    from ppmcal.calibration.interpretation.rope_tightness import slack_ropes as slack_ropes
 
 if not TYPE_CHECKING:   # who checks types sees which names there are
     __getattr__ = on_first_use(__name__)

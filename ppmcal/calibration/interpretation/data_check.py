@@ -41,7 +41,7 @@ from ppmcal.kinematics.needed_columns import remembers
 from ppmcal.kinematics.partial_pose import named_only
 from ppmcal.kinematics.singular_structure import singular_structure
 from ppmcal.kinematics.tables import SINGULAR_HOME, home_singular_value, inverse_table
-from ppmcal.linalg import Array, ways
+from ppmcal.linalg import Array, range_basis, ways
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism, joint_points
 from ppmcal.notes import Note, about, of_column
@@ -175,7 +175,7 @@ def _slack_at_home(mechanism: Mechanism, q_home: Array) -> Iterator[Note]:
     if any(tight_ropes(Model(mechanism), q, motor, weight)[0] for weight in (False, True)):
         return
     anchors = joint_points(mechanism)[0]
-    rank = int(np.linalg.matrix_rank(anchors - anchors.mean(axis=0), 1e-6 * mechanism.reach))
+    rank = range_basis(anchors - anchors.mean(axis=0), least=1e-6 * mechanism.reach).shape[1]
     where = {0: "point", 1: "line", 2: "plane"}[rank] if rank < mechanism.motion.axes else ""
     yield Note("the ropes cannot hold the platform at home: not all of them can pull, neither "
                "against each other nor with its weight. " + bool(where) * (

@@ -18,10 +18,10 @@ from ppmcal.design.processes import cores as all_cores
 from ppmcal.design.processes import over
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import csv_text
-from ppmcal.io.results.batch import TABLE, CampaignRecord, campaigns_table, with_findings
+from ppmcal.io.results.batch import CampaignRecord, campaigns_table, with_findings
 from ppmcal.io.tables import refuse_without_pyarrow
 from ppmcal.notes import FINDING, NOTE, Note
-from ppmcal.store.folder import running
+from ppmcal.store.folder import CAMPAIGNS, running
 from ppmcal.store.inputs import current
 from ppmcal.store.output import Output
 from ppmcal.store.provenance import source_of
@@ -70,7 +70,7 @@ class BatchResult(Result):
     def _files(self) -> dict[str, str | bytes]:
         from ppmcal.report.batch import batch_page
 
-        return {TABLE: campaigns_table(self.records), "batch.html": batch_page(self.records)}
+        return {CAMPAIGNS: campaigns_table(self.records), "batch.html": batch_page(self.records)}
 
     def files(self) -> Mapping[str, str | bytes]:
         """Return campaigns.parquet and batch.html."""
@@ -128,7 +128,7 @@ def run(asked: BatchArguments) -> BatchResult:
     """
     manifest, out = asked.manifest, asked.out
     campaigns = read_manifest(manifest)
-    refuse_without_pyarrow(str(Path(out) / TABLE))
+    refuse_without_pyarrow(str(Path(out) / CAMPAIGNS))
     folder = Path(manifest).absolute().parent
     at = BatchPlace(str(folder), os.path.relpath(Path(out).absolute(), folder), asked.force)
     with contextlib.nullcontext() if current().command else running(

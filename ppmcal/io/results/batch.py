@@ -14,8 +14,6 @@ from ppmcal.io.results.record import Part, Record, Shown, Text, UnitText, Whole
 from ppmcal.io.tables import parquet_bytes
 from ppmcal.wording import MOST, abbreviate_list, pluralize
 
-TABLE = "campaigns.parquet"
-
 
 class CampaignQuantity(Part):
     """One number of a campaign, in ``unit``.
