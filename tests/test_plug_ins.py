@@ -217,6 +217,7 @@ def test_an_effect_of_another_package(tmp_path: Path, site: Path) -> None:
     assert "wound travel" in page
 
 
+@pytest.mark.slow
 def test_the_package_may_be_imported_first(tmp_path: Path, site: Path) -> None:
     """It imports ppmcal's kinds while its own are not there yet."""
     (tmp_path / "ask.py").write_text("import workshop\n"
@@ -228,6 +229,7 @@ def test_the_package_may_be_imported_first(tmp_path: Path, site: Path) -> None:
     assert python(tmp_path / "ask.py", site) == "found\n"
 
 
+@pytest.mark.slow
 def test_what_tells_it_apart_is_its_own(tmp_path: Path, site: Path) -> None:
     """Where no further measurement can tell it from a rival, its own remedy is what is told."""
     code = ("from ppmcal.diagnosis.next_experiment import _remedy\n"

@@ -82,6 +82,7 @@ def test_with_priors_rods_stay_and_touches_left_out_are_predicted(name: str) -> 
         six[0], six[1][:1], "flat") + 0.02
 
 
+@pytest.mark.slow
 def test_distances_that_do_not_fit_are_told() -> None:
     """029: its solver made 288 mm rods 292 to 297 mm long."""
     event = {**event_of("029"), "geometry_start": event_of("028")["geometry_saved"]}
@@ -109,6 +110,7 @@ def printer_of(event: dict[str, Any], folder: Path) -> Problem:
 
 @pytest.mark.parametrize(("name", "row", "off"), [
     ("015", 0, -1.0), ("015", 7, 1.0), ("016", 0, 1.0), ("016", 4, 0.5)])
+@pytest.mark.slow
 def test_a_caliper_read_wrongly_is_left_out_and_is_no_noise(name: str, row: int, off: float,
                                                             tmp_path: Path) -> None:
     """Fitted with its own file alone, the wrong value spreads over the others there."""
@@ -183,6 +185,7 @@ def test_rods_and_step_scales_of_one_bed_are_one_direction() -> None:
     assert found.scale is not None and found.scale.prior_dominated and found.scale.open
 
 
+@pytest.mark.slow
 def test_leaning_towers_against_rods_on_touches_left_out() -> None:
     (path,) = (DATA / "delta-rostock").glob("*.csv")
     event = real_priors.rostock_event(path)
@@ -220,6 +223,7 @@ def test_what_a_day_of_the_rig_says_of_the_other() -> None:
     assert second.figures[1] < 1.01 * second.figures[0]
 
 
+@pytest.mark.slow
 def test_two_days_of_the_rig_are_fitted_to_the_minimum() -> None:
     """Their noise is that of the spools, carried over to the pose by a geometry that moves."""
     mechanism, days = real_sessions.rig(DATA / "stewart-jugglebot")
@@ -242,6 +246,7 @@ def test_a_cable_robot_that_hardly_turns_is_fitted_with_frame_and_target_unknown
     assert np.sqrt(np.nanmean(away**2)) < 2.3e-3
 
 
+@pytest.mark.slow
 def test_exact_data_with_a_sigma_of_a_nanometre_are_identified() -> None:
     """How far sessions differ drowns in round-off; it is told beside the fit, and does not end it.
     """

@@ -13,7 +13,6 @@ from typing import Any
 
 from ppmcal.calibration.fit import secondary
 from ppmcal.errors import BadInput, unknown
-from ppmcal.io.results.batch import TABLE
 from ppmcal.io.results.identification_parts import ParameterEstimate
 from ppmcal.notes import Note
 from ppmcal.plotting.canvas import Drawing
@@ -23,6 +22,7 @@ from ppmcal.report.identification import COLUMNS, errors
 from ppmcal.report.kinds import IN_ORDER
 from ppmcal.report.records import Identified, ReportData
 from ppmcal.report.section import free_name, slug
+from ppmcal.store.folder import CAMPAIGNS
 
 TEX = str.maketrans({
     "\\": r"\textbackslash{}", "_": r"\_", "%": r"\%", "&": r"\&", "#": r"\#", "$": r"\$",
@@ -207,7 +207,7 @@ def _leads(folders: Sequence[str]) -> dict[str, str]:
     {'a/x': 'x-', 'one/may/fit': 'one-may-fit-', 'two/may/fit': 'two-may-fit-'}
     """
     parts = {folder: Path(folder).absolute().parts for folder in folders}
-    depth = {folder: 3 if Path(*p[:-3], TABLE).is_file() else 1 for folder, p in parts.items()}
+    depth = {folder: 3 if Path(*p[:-3], CAMPAIGNS).is_file() else 1 for folder, p in parts.items()}
     while True:
         names = {folder: slug("-".join(p[-depth[folder]:])) for folder, p in parts.items()}
         count = Counter(names.values())

@@ -198,6 +198,7 @@ def test_motors_move_everything_alike(drawn: list[cga.Array]) -> None:
 
 @laws
 @given(batch(6, 6, 6))
+@pytest.mark.slow
 def test_adjoint_and_pairing(drawn: list[cga.Array]) -> None:
     motor, twist, line = cga.motor_exp(drawn[0]), drawn[1], drawn[2]
     moved = cga.adjoint_twist(motor, twist)

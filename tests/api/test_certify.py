@@ -241,6 +241,7 @@ def test_what_changes_after_it_came_out_again_is_refused(bench: Path, tmp_path: 
     assert "identified/residuals.csv: changed after it had come out again" in run.err
 
 
+@pytest.mark.slow
 def test_rows_that_the_model_was_fitted_to_are_refused(bench: Path) -> None:
     run = ppmcal("certify", "identified", "cal.csv", "--about", "about.yaml", "--out", "new",
                  cwd=bench, expect=2)

@@ -125,6 +125,7 @@ def test_a_data_frame_is_as_good_as_its_file(stage, session, folder):
     np.testing.assert_array_equal(by_path[0].q, filed.q)
 
 
+@pytest.mark.slow
 def test_a_sidecar_may_end_in_yml(stage, folder, tmp_path):
     (tmp_path / "run.csv").write_bytes((folder / "measurements.csv").read_bytes())
     (tmp_path / "run.yml").write_bytes((folder / "measurements.yaml").read_bytes())
@@ -232,6 +233,7 @@ def test_saved_is_what_the_command_writes(fit, folder, tmp_path):
     np.testing.assert_array_equal(again.covariance, fit.covariance)
 
 
+@pytest.mark.slow
 def test_compensation_in_memory_is_that_from_files(stage, fit, folder, tmp_path):
     again = ppmcal.identify(stage, folder / "measurements.csv")
     again.save(tmp_path / "fit")

@@ -62,6 +62,7 @@ def test_a_seed_is_one_that_its_record_can_hold(run, seed):
         ppmcal.identify(BENCH, run.data, seed=seed)
 
 
+@pytest.mark.slow
 def test_the_largest_seed_is_read_back(run, tmp_path):
     ppmcal.identify(BENCH, run.data, seed=2 ** 53).save(tmp_path / "fit")
     assert ppmcal.make_report(tmp_path / "fit")
@@ -106,7 +107,7 @@ def test_an_over_long_path_is_refused(call, run, tmp_path):
     lambda tool: ppmcal.sensitivity(BENCH, tool=tool).record,
     lambda tool: ppmcal.forward(BENCH, [[400.0, 400.0, 400.0]], tool=tool).pose,
     lambda tool: ppmcal.tolerances(BENCH, accuracy=1.0, machines=20, tool=tool).record])
-@pytest.mark.slow_cases("<lambda>2")
+@pytest.mark.slow_cases("<lambda>0", "<lambda>2")
 def test_a_tool_is_a_text_or_its_numbers(call):
     one, two = call("10,-20"), call([10, -20.0])
     if isinstance(one, np.ndarray):

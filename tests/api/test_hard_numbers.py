@@ -171,6 +171,7 @@ def test_a_home_at_or_near_a_singularity(command, home):
 
 
 @pytest.mark.parametrize("home", SINGULAR)
+@pytest.mark.slow_cases("0.0", "1e-09")
 def test_kinematics_and_check_of_a_singular_home(home):
     machine = homed(home)
     assert any("singularity at home" in f for f in face.check(machine).findings)
@@ -221,7 +222,7 @@ def test_targets_at_and_beyond_a_singularity_are_refused(unlimited, rz, why):
 
 
 @pytest.mark.parametrize("rz", [0.0, 1e-6, 180.0])
-@pytest.mark.slow_cases("1e-06", "180.0")
+@pytest.mark.slow
 def test_singular_poses_in_tables(rz):
     machine = homed(30.0)
     asked = poses((500, 288.675, 30), (500, 288.675, rz))
@@ -254,6 +255,7 @@ def test_one_pose_and_the_same_pose_again():
     assert len(set(zip(made["x"], made["y"], made["rz"], strict=True))) == 1
 
 
+@pytest.mark.slow
 def test_targets_that_are_one_pose_and_turns_of_it(bench, identified):
     x, y, rz = (bench[1][c][0] for c in ("x", "y", "rz"))
     plain = had(face.compensate(identified, poses((x, y, rz))))
@@ -287,6 +289,7 @@ def test_a_measuring_frame_half_a_turn_away(bench, identified, turn):
 @pytest.mark.parametrize("name", ["one", "two", "copies"])
 @pytest.mark.parametrize("command", ["identify", "validate",
                                      pytest.param("diagnose", marks=pytest.mark.slow)])
+@pytest.mark.slow_cases("identify-one")
 def test_rows_that_are_too_few(bench, identified, command, name):
     rows = {"one": [0], "two": [0, 1], "copies": [0] * 9}[name]
     few = {c: v[rows] for c, v in bench[1].items()}
@@ -296,7 +299,7 @@ def test_rows_that_are_too_few(bench, identified, command, name):
 
 
 @pytest.mark.parametrize("apart", [1e-12, 1e-9, 1e-6])
-@pytest.mark.slow_cases("1e-12", "1e-06")
+@pytest.mark.slow
 def test_poses_hardly_apart_tell_no_more_than_sound_ones(bench, identified, apart):
     """Round-off that open frames leave of the columns is no rank."""
     rng = np.random.default_rng(1)
@@ -463,6 +466,7 @@ def test_options_and_cells_that_cannot_be_meant(call, words):
     refused(words, call)
 
 
+@pytest.mark.slow
 def test_joints_and_tools_far_away_have_no_pose():
     joints = {f"q_leg{i}": np.array([432.0, 1e-300, 0.0, -432.0, 1e9]) for i in (1, 2, 3)}
     for method in ("newton", "intersection"):

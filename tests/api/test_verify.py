@@ -81,7 +81,7 @@ def checked(desk: Path, *words: object, code: int, cwd: Path | None = None):
     return found["runs"]
 
 
-@pytest.mark.slow_cases("identified", "kin")
+@pytest.mark.slow_cases("imported", "identified", "kin")
 @pytest.mark.parametrize("name", [
     n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in WRITING])
 def test_what_a_command_wrote_is_made_again_byte_by_byte(desk: Path, name: str) -> None:
@@ -386,6 +386,7 @@ def test_an_environment_that_is_recorded_otherwise_allows_round_off_alone(
     checked(own, "identified", code=0)
 
 
+@pytest.mark.slow
 def test_equal_legs_are_ranked_alike_whatever_their_last_digits(
         desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import numpy as np

@@ -65,7 +65,7 @@ def test_a_rope_that_stands_still(tree, scatter, tmp_path):
 @pytest.mark.parametrize(("tree", "joint", "part"), [
     (belts, "br", 0.6), (belts, "br", 1.0), (rope_cage, "r2", 0.6)],
     ids=["belts", "belts in all rows", "cage"])
-@pytest.mark.slow_cases("cage")
+@pytest.mark.slow
 def test_a_slack_rope_in_many_rows_is_named(tree, joint, part, tmp_path):
     path, data = measured(tmp_path, tree())
     rng = np.random.default_rng(2)

@@ -67,6 +67,7 @@ def three(rehomed: int = 0) -> list[Dataset]:
     return [seen(name, joints(), at, rehomed) for name, at in TARGETS.items()]
 
 
+@pytest.mark.slow
 def test_targets_of_one_body_are_one_session_and_share_poses_and_time() -> None:
     datasets = joined(three())
     assert len(session_masks(datasets)) == 1

@@ -386,6 +386,7 @@ def test_compare_fits_again_what_had_other_parameters_free(sessions: Path, tmp_p
         assert {"leg1.base.point.x", "leg1.offset"} <= {e["name"] for e in entries}
 
 
+@pytest.mark.slow
 def test_compare_says_why_it_cannot(sessions: Path, tmp_path: Path) -> None:
     """The measurements have gone: a reason, no p-value, nothing said to have changed."""
     (tmp_path / "b.csv").write_bytes((sessions / "B" / "measurements.csv").read_bytes())
@@ -443,6 +444,7 @@ def test_keep_carries_on(sessions: Path, tmp_path: Path) -> None:
     assert "in that calibration already" in run.err and not (tmp_path / "no").exists()
 
 
+@pytest.mark.slow
 def test_keep_keeps_what_was_measured_before(sessions: Path, tmp_path: Path) -> None:
     """Targets that only the earlier measurements had around them stay sound."""
     tree = yaml.safe_load((sessions / "idA" / "identified.yaml").read_text())

@@ -50,6 +50,7 @@ def test_a_limb_at_a_dead_point_at_home_is_named(case):
     assert transmissions(machine)[limb].value < DEAD_POINT
 
 
+@pytest.mark.slow
 def test_a_limb_is_named_that_its_tolerances_can_bring_to_a_dead_point():
     long = {"distal": 30.4}
     near = read_text(yaml.safe_dump(config("3-RRR-1.yaml", 2, **long)))
@@ -143,6 +144,7 @@ def test_columns_outside_the_limits_are_blamed_where_home_is_inside(tmp_path):
 
 
 @pytest.mark.parametrize("command", ["identify", "diagnose"])
+@pytest.mark.slow
 def test_a_refused_fit_repeats_what_check_says_of_units(tmp_path, command):
     folder = bench(tmp_path, {}, SIDECAR.replace("length: mm", "length: m"))
     run = ppmcal(command, "m.yaml", "d.csv", "--out", "o", cwd=folder)
@@ -152,7 +154,7 @@ def test_a_refused_fit_repeats_what_check_says_of_units(tmp_path, command):
 
 
 @pytest.mark.parametrize("command", ["identify", "diagnose"])
-@pytest.mark.slow_cases("diagnose")
+@pytest.mark.slow
 def test_a_fit_repeats_what_check_says_of_units(tmp_path, command):
     scenario = {"format": "ppmcal/scenario/1", "units": {"length": "mm", "angle": "deg"},
                 "poses": {"random": {"center": dict(CASES["R(P)R"].home), "count": 30,

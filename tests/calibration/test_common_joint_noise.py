@@ -137,6 +137,7 @@ def test_rows_of_a_tracker_are_white_together(tmp_path: Path) -> None:
         assert white == pytest.approx(root @ raw, rel=1e-3, abs=1e-3 * np.abs(white).max())
 
 
+@pytest.mark.slow
 def test_what_a_campaign_knows_has_no_order_of_targets(tmp_path: Path) -> None:
     """Rows are white one target after the other: which is first says nothing of the machine."""
     seen = measured(5, rows=25, joint=JOINT, slots=("offset",))
@@ -156,6 +157,7 @@ def test_what_a_campaign_knows_has_no_order_of_targets(tmp_path: Path) -> None:
                                                    abs=1e-4 * np.abs(residual).max())
 
 
+@pytest.mark.slow
 def test_what_may_be_open_has_no_order_of_targets(tmp_path: Path) -> None:
     """Columns of one target are in the rows of those that come after it, too."""
     seen = measured(5, rows=25, joint=JOINT, slots=("offset",))

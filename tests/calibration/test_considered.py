@@ -63,6 +63,7 @@ def test_what_is_held_is_what_may_be_off_and_is_not_fitted() -> None:
     assert held(mechanism, mechanism.free) == ()
 
 
+@pytest.mark.slow
 def test_estimates_err_with_what_is_held_as_is_foretold() -> None:
     """Against fits to exact rows of machines of which one rod is off."""
     mechanism, free = printer()

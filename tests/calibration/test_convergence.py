@@ -77,6 +77,7 @@ def test_a_registration_with_more_open_never_fits_worse(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.slow
 def test_registrations_are_compared_by_one_noise(seed: int) -> None:
     """Noise of joints moves with the target: by its own the wider registration seems the worse."""
     problem = hardly_turning(seed, 1e-3)

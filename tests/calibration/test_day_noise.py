@@ -110,6 +110,7 @@ def test_what_data_demand_rests_on_the_noise_of_the_day(stage, day):
     assert not days[0].estimated
 
 
+@pytest.mark.slow
 def test_the_console_prints_the_noise_with_its_source(tmp_path):
     printer = ppmcal.load(ppmcal.shipped("delta-linear"))
     bed = ppmcal.simulate(printer, {

@@ -68,6 +68,7 @@ def test_few_poses_leave_the_95_percent_point_open_above():
 
 
 @pytest.mark.parametrize("poses", POSES)
+@pytest.mark.slow_cases("40")
 def test_two_machines_that_are_alike_are_surely_apart_one_day_in_twenty(poses):
     rng, apart, days = np.random.default_rng(7 * poses), 0, 300
     for day in range(days):

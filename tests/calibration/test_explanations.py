@@ -91,6 +91,7 @@ def test_columns_are_what_a_change_does(tmp_path: Path) -> None:
     assert column("shape.saddle of plane") == pytest.approx((x**2 - y**2) / mechanism.reach)
 
 
+@pytest.mark.slow
 def test_a_bed_that_moved_is_tied_with_homing(tmp_path: Path) -> None:
     """Seen by its sign and size; a radius or three offsets are not the headline."""
     mechanism, rng = printer(tmp_path, ratio=-0.0125), np.random.default_rng(4)
@@ -146,6 +147,7 @@ def test_an_instrument_that_moved_is_no_change_of_legs() -> None:
     assert by["rz"].value == pytest.approx(6e-4, abs=4.0 * by["rz"].sigma)
 
 
+@pytest.mark.slow
 def test_rods_that_all_grow_and_a_scale(tmp_path: Path) -> None:
     """All lengths by one amount are one number; so is the scale of distances."""
     mechanism, rng = printer(tmp_path, ratio=-0.0125), np.random.default_rng(11)

@@ -41,6 +41,7 @@ def tolerance(stage: Mechanism, name: str) -> float:
 
 
 @pytest.mark.parametrize(("times", "sigma", "part"), [(6.0, 0.03, 0.52), (9.0, 0.01, 0.75)])
+@pytest.mark.slow_cases("9.0-0.01-0.75")
 def test_a_size_that_no_machine_has_is_told_with_its_tolerance(
         stage: Mechanism, times: float, sigma: float, part: float) -> None:
     """What data as good as these show of an error of a drive: far from what refuses, and told.

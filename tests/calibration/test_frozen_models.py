@@ -78,6 +78,7 @@ def test_the_true_machine_misses_by_the_noise(truth, day):
     assert first.noise == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_a_registration_takes_what_rows_see_of_it():
     """A platform that stays level tells no target from the frame: with both open nothing is lost.
 
@@ -92,6 +93,7 @@ def test_a_registration_takes_what_rows_see_of_it():
     assert both["rms_high"] == pytest.approx(alone["rms_high"], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_each_effect_left_out_is_surely_worse(truth, day):
     (found,) = validated(with_and_without(truth), day)
     labels = [e.label for e in found.errors]
@@ -101,6 +103,7 @@ def test_each_effect_left_out_is_surely_worse(truth, day):
     assert all(e.interval[0] < e.closer < e.interval[1] < 0.0 for e in found.errors[1:])
 
 
+@pytest.mark.slow
 def test_an_effect_that_is_not_there_makes_it_worse(stage, truth):
     clean = ppmcal.simulate(stage, scenario(6)).data
     (found,) = validated(with_and_without(truth), clean)
@@ -230,6 +233,7 @@ def test_a_folder_is_as_good_as_its_model(stage, day, tmp_path):
 
 @pytest.mark.parametrize(("change", "words"), [
     ({"register": ["zeros"]}, "zeros"), ({"against": ["nowhere.yaml"]}, "nowhere.yaml")])
+@pytest.mark.slow_cases("change1-nowhere.yaml")
 def test_wrong_options_are_refused(truth, day, change, words):
     with pytest.raises(BadInput, match=words):
         ppmcal.validate(truth, day, **change)
@@ -263,6 +267,7 @@ def test_a_value_typed_wrong_counts_for_no_machine(truth, day):
     assert found.errors[0].noise == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_a_bed_that_lies_elsewhere_is_demanded(tmp_path):
     """Touches of a flat whose height and tilt the file holds known."""
     printer = ppmcal.load(ppmcal.shipped("delta-linear"))
@@ -315,7 +320,7 @@ def test_rows_of_noise_alone_are_hardly_ever_named(truth, stage):
 
 
 @pytest.mark.parametrize("actuator", [0.0, 0.02])
-@pytest.mark.slow_cases("0.02")
+@pytest.mark.slow
 def test_a_registration_with_more_freedom_never_fits_worse(actuator):
     """Chi-squared by the noise at the wider one, by which that is the least; mm may grow."""
     hexapod = ppmcal.load(ppmcal.shipped("6-UPS"))

@@ -50,6 +50,7 @@ def test_a_fit_to_some_of_the_rows_leaves_them_out_too(tmp_path: Path) -> None:
     np.testing.assert_allclose(some.state.g, whole.state.g, atol=5e-4)
 
 
+@pytest.mark.slow
 def test_typos_are_not_the_span_of_the_motion(tmp_path: Path) -> None:
     def two(rows: list[Row]) -> None:
         rows[4]["x"] = float(rows[4]["x"]) + 9000.0
@@ -156,6 +157,7 @@ def test_commands_refuse_it_and_write_no_machine(tmp_path: Path, command: str) -
     assert written == (["diagnosis.json"] if command == "diagnose" else [])
 
 
+@pytest.mark.slow
 def test_a_fit_that_does_not_converge_above_the_noise_is_no_result(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fitting, "ITERATIONS", 0)
@@ -166,6 +168,7 @@ def test_a_fit_that_does_not_converge_above_the_noise_is_no_result(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_no_diagnosis_is_built_on_such_a_fit(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fitting, "ITERATIONS", 0)
@@ -188,6 +191,7 @@ def test_a_sigma_a_thousand_times_too_large_is_a_finding(tmp_path: Path) -> None
     assert "Nothing needs a closer look" not in (tmp_path / "page" / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_the_right_sigma_is_no_finding(tmp_path: Path) -> None:
     fit = identify(problem(session(tmp_path)))
     assert not report(fit, FitOptions(), 0.0, 0).noise.overstated
@@ -252,6 +256,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_papers_damping_stops_at_the_noise(bench: Path) -> None:
     """[PPM] section 4.5 in metres: 0.9 converges in thousands of iterations, and ends after 5."""
     done = ppmcal("identify", "m.yaml", "sim/measurements.csv", "--method", "damped", "--damping",
@@ -265,6 +270,7 @@ def test_the_papers_damping_stops_at_the_noise(bench: Path) -> None:
     assert found["rank"] == 12 and len(found["redundant"]) == 3
 
 
+@pytest.mark.slow
 def test_iterations_end_where_they_are_told_to(bench: Path) -> None:
     done = ppmcal("identify", "m.yaml", "sim/measurements.csv", "--method", "damped", "--damping",
                   "0.9", "--iterations", "5", "--out", "five", cwd=bench, expect=1)

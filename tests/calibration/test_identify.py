@@ -175,6 +175,7 @@ def test_known_frame_and_target_give_every_slot() -> None:
     np.testing.assert_allclose(fit.state.g, made.truth.g, rtol=0.0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_turned_body_is_found() -> None:
     mechanism, scenario = machine("6-UPS")
     turn = np.array([0.02, -0.01, 0.4])

@@ -76,6 +76,7 @@ def test_scale_and_sessions_have_the_interval_of_the_fit_s_noise() -> None:
         [e.by_noise / mechanism.units.factor(e.quantity) for e in free])
 
 
+@pytest.mark.slow
 def test_parameters_by_session_are_told_with_that_interval() -> None:
     mechanism, data = two_sessions(2, 3e-3, 6)
     found = report(fitted(mechanism, data),

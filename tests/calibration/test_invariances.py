@@ -156,6 +156,7 @@ def test_the_order_of_rows_tells_nothing(campaign, plain):
 
 
 @pytest.mark.parametrize("limbs", [[2, 1, 0], [1, 2, 0]])
+@pytest.mark.slow
 def test_the_order_of_limbs_tells_nothing(campaign, plain, limbs):
     found = answer(in_other_words(campaign, limbs=limbs))
     assert_same(plain, found)
@@ -180,7 +181,7 @@ def test_names_tell_nothing(campaign, plain):
 
 
 @pytest.mark.parametrize("seed", range(3))    # as many as there are units
-@pytest.mark.slow_cases("0")
+@pytest.mark.slow
 def test_frames_and_all_else_at_once_tell_nothing(campaign, plain, seed):
     rng = np.random.default_rng(seed)
     base, seen = rng.uniform(-170.0, 170.0, 2)

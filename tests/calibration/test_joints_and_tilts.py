@@ -117,7 +117,7 @@ EFFECTS = [{"kind": "backlash", "parameters": {"width": {"value": 0.05, "free": 
 
 
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.slow_cases("universal", "noisy drives", "seven legs", "seven drives")
+@pytest.mark.slow_cases("tilt", "universal", "noisy drives", "seven legs", "seven drives")
 def test_rows_move_as_differences_say(case):
     name, instrument, more = CASES[case]
     tree = file_of(name)
@@ -192,6 +192,7 @@ def test_a_square_machine_calibrates_itself_by_passive_encoders():
     np.testing.assert_allclose(turns, [12, 160, 77], atol=1e-2)
 
 
+@pytest.mark.slow
 def test_one_passive_encoder_alone_is_a_calibration_too():
     """With a typed offset the base's turn is seen: two coordinates are held, not three."""
     tree = file_of("3-RPR", free=["*.base.point.?", "*.offset"])

@@ -580,6 +580,7 @@ def test_an_instrument_of_few_digits_repeats_by_chance(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("machine", ["3-RPR", "delta-rotary"])
+@pytest.mark.slow_cases("delta-rotary")
 def test_rows_out_of_order_do_not_keep_the_held_out_fit_from_ending(tmp_path: Path, machine: str
                                                                     ) -> None:
     """A third of the rows is wrong: what the fit left out, that of the others leaves out too."""
@@ -621,6 +622,7 @@ def test_repeats_are_not_stale_however_they_are_labelled(tmp_path: Path) -> None
         assert found.rows == (10,)
 
 
+@pytest.mark.slow
 def test_check_tells_rows_that_repeat_the_one_before_once(tmp_path: Path) -> None:
     def repeated(rows: list[Row]) -> None:
         rows[44].update({k: rows[43][k] for k in LEGS})

@@ -50,6 +50,7 @@ def test_no_parameter_is_less_certain_than_its_tolerance() -> None:
         assert e.sigma <= e.tolerance * (1.0 + 1e-9), e.name
 
 
+@pytest.mark.slow
 def test_it_is_the_fit_with_the_noise_that_the_residuals_show() -> None:
     """Values and uncertainties are those of a campaign that states that noise to begin with."""
     result = found(TIMES)

@@ -97,6 +97,7 @@ def test_noise_and_prior_are_checked_apart(hexapod: Mechanism) -> None:
     assert sum(n.chi2 for n in tight) == pytest.approx(sum(n.chi2 for n in checks), rel=0.02)
 
 
+@pytest.mark.slow
 def test_tolerances_that_are_too_tight_are_a_finding(hexapod: Mechanism) -> None:
     fit, _ = found(hexapod, campaign(hexapod, 1, 3.0))
     said = [f for f in report(fit, FitOptions(robust=False), 0.0, 1).findings if "tolerances" in f]

@@ -264,7 +264,7 @@ def same_fit(one: Fit, other: Fit) -> None:
 
 
 @pytest.mark.parametrize("robust", [False, True])
-@pytest.mark.slow_cases("False")
+@pytest.mark.slow
 def test_all_three_ways_end_at_the_same_minimum(robust: bool,
                                                 monkeypatch: pytest.MonkeyPatch) -> None:
     problem = measured(ppmcal.load(ppmcal.shipped("6-UPS")), 60)

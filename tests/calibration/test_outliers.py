@@ -95,6 +95,7 @@ def test_a_probe_that_did_not_trigger_is_named(tmp_path: Path) -> None:
     assert not find_gross_errors(fitted(mechanism, good)).rows
 
 
+@pytest.mark.slow
 def test_a_caliper_value_typed_wrong_is_named(tmp_path: Path) -> None:
     """With three distances; digits exchanged."""
     mechanism = printer(tmp_path)
@@ -173,6 +174,7 @@ def test_of_many_sessions_only_the_odd_ones_are_named() -> None:
     assert found["E", "leg3"] == pytest.approx(-4e-4, abs=3e-5)
 
 
+@pytest.mark.slow
 def test_files_are_sessions_and_per_file_homing_is_not_accused() -> None:
     mechanism, data = two_sessions(3, 3e-4)
     a, b = (replace(data.take(np.arange(60) // 40 == i), name=n, sessions=None)

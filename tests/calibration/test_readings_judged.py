@@ -154,6 +154,7 @@ def test_what_a_turn_of_the_frame_makes_alike_is_one_way_and_others_are_alternat
     assert [m.kind for what in alternatives for m in what] == ["unit"]
 
 
+@pytest.mark.slow
 def test_rows_without_a_pose_are_no_misreading_of_a_file_whose_others_fit(tmp_path: Path) -> None:
     """Drives exchanged in the last 66 of 120 rows, most of which then have no pose."""
     catalogue.write("swapped-at-end", "3-RRR", 120, 1, tmp_path)
@@ -173,6 +174,7 @@ QUICK = ("a row late, of three drives", "inches in one drive", "drives in radian
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow)
                                   for n in MISREAD])
+@pytest.mark.slow
 def test_misreadings_that_were_held_back_are_named(name: str) -> None:
     assert judged(name, MISREAD[name], 4).answer == "named"
 

@@ -62,6 +62,7 @@ CASES = {"rotation": ("target_rotation: unknown", lambda: turned(day(2, "day2"))
 
 
 @pytest.mark.parametrize("what", list(CASES))
+@pytest.mark.slow_cases("frame")
 def test_what_was_changed_between_days_is_told(what: str) -> None:
     mend, second = CASES[what]
     fit = fitted(day(1, "day1"), second())
@@ -73,6 +74,7 @@ def test_what_was_changed_between_days_is_told(what: str) -> None:
     assert "mm rms" in said
 
 
+@pytest.mark.slow
 def test_sessions_within_a_file_may_have_frames_of_their_own() -> None:
     data = day(1, "day1")
     late = np.arange(len(data)) >= len(data) // 2
@@ -94,6 +96,7 @@ def test_chance_and_what_is_worth_nothing_do_not_count() -> None:
     assert (odds < np.log(MOVED.value)).all()      # may be chance
 
 
+@pytest.mark.slow
 def test_what_has_to_be_open_is_as_likely_with_its_rows_in_any_order() -> None:
     fit = fitted(day(1, "day1"), moved(day(2, "day2")))
     possible = [(1, what) for what in ("frame", "target", "rotation", "homing")]

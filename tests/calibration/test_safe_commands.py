@@ -85,9 +85,9 @@ def test_ways_that_a_fine_search_finds_unsound_are_found(name: str) -> None:
 
 
 @pytest.mark.slow_cases(
-    "3-RPS", "3-UPU", "6-PUS", "6-RUS", "cable-4-pulleys", "delta-parallelograms", "hangprinter",
-    "linapod", "maslow", "mixed-spatial", "passive-legs", "tricept", "cable-8", "cable-8-pulleys",
-    "delta-linear-6rods", "delta-rotary-6rods")
+    "6-UPS", "cable-4-planar", "stewart-7", "3-RPS", "3-UPU", "6-PUS", "6-RUS", "cable-4-pulleys",
+    "delta-parallelograms", "hangprinter", "linapod", "maslow", "mixed-spatial", "passive-legs",
+    "tricept", "cable-8", "cable-8-pulleys", "delta-linear-6rods", "delta-rotary-6rods")
 @pytest.mark.parametrize("name", CONFIGS)
 def test_no_way_inside_the_workspace_is_refused(name: str) -> None:
     mechanism = machine(name)
@@ -232,6 +232,7 @@ def test_rows_that_are_better_left_alone_are_refused() -> None:
         found, position_after=after, sigma_position=sigma))) == [5]
 
 
+@pytest.mark.slow
 def test_a_row_of_which_nobody_knows_what_is_left_is_refused() -> None:
     mechanism = machine("3-RPR")
     found = compensate(off(mechanism), wide(mechanism, 300, 2.5), Registration(), None)
@@ -290,6 +291,7 @@ def measured(mechanism: Mechanism, size: float, **more: Any) -> Mechanism:
     return replace(off(mechanism), measured=MeasurementBasis(1.0, 0.5, ranges | more))
 
 
+@pytest.mark.slow
 def test_what_was_measured_is_known_without_the_file_beside() -> None:
     """The ranges are in the machine's own file: far outside is refused, a little outside said."""
     mechanism = machine("3-RPR")
@@ -436,6 +438,7 @@ def test_what_is_assumed_must_be_a_condition_that_is_not_there() -> None:
 @pytest.mark.parametrize(("ratio", "p", "bad"), [
     (1.0, 0.4, False), (4.9, 1e-30, False), (5.1, 1e-30, True), (50.0, 0.2, False),
     (float("nan"), float("nan"), False), (8.0, 0.0, True)])
+@pytest.mark.slow_cases("8.0-0.0-True")
 def test_a_model_that_misses_its_own_data_is_refused_as_a_whole(ratio: float, p: float, bad: bool
                                                                 ) -> None:
     mechanism = replace(off(machine("3-RPR")), measured=MeasurementBasis(ratio, p))

@@ -86,9 +86,9 @@ def test_two_machines_of_exact_values_disagree_and_have_a_result() -> None:
     assert not any(topic_of(f) == LEFT_OUT for f in found.findings)
 
 
-@pytest.mark.slow_cases("too small-1 nm", "too small-1 pm")
 @pytest.mark.parametrize("stated", [1e-9, 1e-12], ids=["1 nm", "1 pm"])
 @pytest.mark.parametrize("true", [2e-5, 0.0], ids=["too small", "as it is"])
+@pytest.mark.slow
 def test_a_delta_measured_once_has_a_result_at_any_sigma(stated: float, true: float) -> None:
     """How far sessions differ cannot be told from one of them, which had ended the command."""
     printer = read_mechanism(ROOT / "configs" / "delta-linear.yaml")
@@ -101,6 +101,7 @@ def test_a_delta_measured_once_has_a_result_at_any_sigma(stated: float, true: fl
         assert "how far sessions, or stretches of rows, differ" in note
 
 
+@pytest.mark.slow
 def test_identify_without_any_of_its_extras(monkeypatch: pytest.MonkeyPatch,
                                             tmp_path: Path) -> None:
     made = planar()

@@ -55,7 +55,7 @@ def residual(problem, state, row, x, step):
     return np.concatenate([*own, away[np.isfinite(measured)]])
 
 
-@pytest.mark.slow_cases("stewart", "cables that gap", "stewart that gaps")
+@pytest.mark.slow
 def test_chi_squared_is_that_of_the_most_likely_poses(bench):
     problem, state = bench
     keep = [np.ones(12, dtype=bool)]

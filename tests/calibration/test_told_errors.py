@@ -87,6 +87,7 @@ def test_machines_as_the_tolerances_have_them_err_as_is_told(noise: float, frame
         assert true[1] < true[0]
 
 
+@pytest.mark.slow
 def test_one_name_means_one_thing_in_both_files() -> None:
     """The rms of a column of commands.csv is what commands.json says under its name."""
     machine = ppmcal.load(ppmcal.shipped("3-RPR"))

@@ -11,6 +11,7 @@ from ppmcal.calibration.knowledge.consider_parameters import by_tolerances, unce
 
 
 @pytest.mark.parametrize("kind", ["3-RPR", "delta-linear", "6-UPS"])
+@pytest.mark.slow_cases("6-UPS")
 def test_what_is_held_may_be_off_too(kind: str) -> None:
     """Of a fit with nothing free, with some free, and with all: tolerances times derivatives."""
     mechanism = ppmcal.load(ppmcal.shipped(kind))

@@ -29,8 +29,8 @@ def campaign(folder, count, **changes):
     return folder
 
 
-@pytest.mark.slow_cases("6-1", "7-0")
 @pytest.mark.parametrize(("count", "code"), [(6, 1), (7, 0), (20, 0)])
+@pytest.mark.slow
 def test_the_exit_code_says_whether_noise_could_be_checked(tmp_path, count, code):
     """Three values a pose; 14 of 17 columns are determined: 18 leave 4, 21 leave 7."""
     campaign(tmp_path, count)
@@ -43,8 +43,8 @@ def test_the_exit_code_says_whether_noise_could_be_checked(tmp_path, count, code
         assert any(f.startswith("18 measured values for 14 ") for f in found["findings"])
 
 
-@pytest.mark.slow_cases("6")
 @pytest.mark.parametrize("count", [6, 20])
+@pytest.mark.slow
 def test_check_and_identify_name_the_same_redundant_columns(tmp_path, count):
     campaign(tmp_path, count)
     seen = command("check", "m.yaml", "s/measurements.csv", "--json", cwd=tmp_path).json

@@ -47,6 +47,7 @@ def commands(mechanism: Mechanism, known: ParameterCovariance | None) -> Compens
     return compensate(mechanism, targets(mechanism), Registration(), known)
 
 
+@pytest.mark.slow
 def test_a_row_of_which_nobody_knows_how_sure_it_is_is_refused() -> None:
     mechanism = machine()
     known = knowledge(mechanism)
@@ -61,6 +62,7 @@ def test_a_row_of_which_nobody_knows_how_sure_it_is_is_refused() -> None:
     assert set(commands(mechanism, None).status) == {"ok"}
 
 
+@pytest.mark.slow
 def test_a_row_that_a_rival_machine_cannot_reach_is_refused() -> None:
     mechanism = machine()
     known = knowledge(mechanism)
@@ -84,6 +86,7 @@ def test_a_row_that_a_rival_machine_cannot_reach_is_refused() -> None:
 @pytest.mark.parametrize("effect", [
     {"kind": "friction", "parameters": {"static": 2e-3, "dynamic": 1e-3, "speed": 0.02}},
     {"kind": "lag", "parameters": {"tau": 5e-3}}])
+@pytest.mark.slow_cases("effect1")
 def test_a_rival_that_needs_velocities_counts_as_at_rest(effect: dict[str, Any]) -> None:
     """Targets are places, seldom with velocities; all of them had been refused."""
     mechanism = machine()

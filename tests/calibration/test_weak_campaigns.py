@@ -51,6 +51,7 @@ def test_a_plane_asks_for_poses_outside_it(flat: IdentificationResult) -> None:
     assert not any(found.text in f for f in flat.findings)    # a campaign is no fault: exit code 0
 
 
+@pytest.mark.slow
 def test_poses_all_over_ask_for_nothing() -> None:
     result = ppmcal.identify(shipped("delta-linear"), campaign(delta(80.0)))
     assert result.record.campaign is None
@@ -81,6 +82,7 @@ def test_names_in_groups() -> None:
     assert grouped(machine, z[:1], free) == ("z of base.point (leg1)",)
 
 
+@pytest.mark.slow
 def test_frames_only_leaves_effects_alone() -> None:
     machine = yaml.safe_load(shipped("delta-linear").read_text(encoding="utf-8"))
     machine["effects"] = [{"kind": "gain", "on": ["a"], "parameters": {

@@ -52,6 +52,7 @@ def test_a_refit_that_wanders_is_given_up_and_the_diagnosis_says_so(findings, mo
     assert any("wandered" in f for f in diagnosis.diagnose(problem, options).findings)
 
 
+@pytest.mark.slow
 def test_a_fit_without_a_step_left_ends_where_it_is():
     problem = campaign()
     whole = identify(problem, FitOptions())

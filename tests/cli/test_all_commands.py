@@ -226,6 +226,7 @@ def test_check_with_findings_is_1(bench):
     assert "singular" in run.out + run.err
 
 
+@pytest.mark.slow
 def test_outlier_is_excluded_with_reason_and_exit_1(bench):
     table = rows(bench / "s" / "measurements.csv")
     table[4]["x"] = str(float(table[4]["x"]) + 3)
@@ -246,6 +247,7 @@ def test_failed_noise_check_is_1(bench):
     assert json.loads((bench / "o" / "identification.json").read_text())["noise"]["chi2_p"] < 1e-3
 
 
+@pytest.mark.slow
 def test_not_converged_is_3_and_leaves_nothing(bench):
     """A hopeless start: the joint values are of another machine."""
     table = rows(bench / "s" / "measurements.csv")
@@ -367,12 +369,13 @@ def test_files_and_columns(campaigns, motion):
 
 
 @pytest.mark.parametrize("motion", MACHINES)
-@pytest.mark.slow_cases("spatial")
+@pytest.mark.slow
 def test_parameters_columns(campaigns, motion):
     assert columns(campaigns(motion) / "i" / "parameters.csv") == PARAMETERS
 
 
 @pytest.mark.parametrize("motion", MACHINES)
+@pytest.mark.slow_cases("spatial")
 def test_numbers_have_17_digits(campaigns, motion):
     folder = campaigns(motion)
     for row in rows(folder / "i" / "parameters.csv"):
@@ -540,6 +543,7 @@ def test_unknown_dataset(bench):
     assert not (bench / "kinematics").exists()
 
 
+@pytest.mark.slow
 def test_velocity_is_the_derivative(bench):
     step = 1e-4
     pose, speed = (500.0, 280.0, 25.0), (3.0, -2.0, 4.0)
@@ -751,6 +755,7 @@ def values(found):
 UNKNOWN_TARGET = SIDECAR.replace("target: known", "target: unknown")
 
 
+@pytest.mark.slow
 def test_without_optional_columns(bench):
     pick(bench / "s" / "measurements.csv", ["q_leg1", "q_leg2", "q_leg3", "x", "y", "rz"],
          bench / "d.csv")
@@ -831,6 +836,7 @@ def test_two_files_with_a_frame_each(bench):
     assert all(name in run.err for name in frames), "with two frames the user must name one"
 
 
+@pytest.mark.slow
 def test_known_frame_and_target(bench):
     scenario(bench, frame={"x": 0, "y": 0, "rz": 0}, target=[0, 0])
     ppmcal("simulate", "m.yaml", "s.yaml", "--out", "r", cwd=bench, expect=0)
@@ -955,6 +961,7 @@ def test_free_fifteen_of_the_paper(bench):
            expect=0)
 
 
+@pytest.mark.slow
 def test_flat_prior(bench):
     scenario(bench, frame={"x": 0, "y": 0, "rz": 0}, target=[0, 0])
     ppmcal("simulate", "m.yaml", "s.yaml", "--out", "r", cwd=bench, expect=0)
@@ -979,6 +986,7 @@ def test_flat_prior_with_redundancy_has_no_nan(bench):
     ppmcal("check", "o/identified.yaml", cwd=bench, expect=0)
 
 
+@pytest.mark.slow
 def test_gcv(bench):
     ppmcal("identify", "m.yaml", "s/measurements.csv", "--method", "gcv", "--out", "o",
            cwd=bench, expect=0)
@@ -1034,6 +1042,7 @@ def test_bad_holdout(bench, share):
 # ---------------------------------------------------------------- mechanism files
 
 
+@pytest.mark.slow
 def test_extends(bench):
     (bench / "mine.yaml").write_text(
         "extends: m.yaml\nname: mine\nlimbs:\n  - name: leg2\n    offset: 0.25\n"
@@ -1070,6 +1079,7 @@ tolerances: {point: 0.3, length: 0.3, angle: 0.1, offset: 0.4}
 """
 
 
+@pytest.mark.slow
 def test_share(bench):
     (bench / "shared.yaml").write_text(SHARED)
     scenario(bench, errors={"b": 0.4})
@@ -1137,6 +1147,7 @@ def test_ratio_in_revolutions(bench):
     ppmcal("compensate", "o/identified.yaml", "p.csv", "--frame", "base", cwd=bench, expect=0)
 
 
+@pytest.mark.slow
 def test_missing_tolerances_warn(bench):
     text = (bench / "m.yaml").read_text()
     kept = [line for line in text.splitlines() if not line.startswith("tolerances")]
@@ -1164,6 +1175,7 @@ def test_gauge_of_home_with_joint_values(bench):
 # ---------------------------------------------------------------- report
 
 
+@pytest.mark.slow
 def test_report(bench):
     run = ppmcal("report", "s", "i", "--out", "r", "--json", cwd=bench)
     assert run.code in (0, 1), run

@@ -296,8 +296,8 @@ def test_columns_that_do_not_change(tmp_path: Path) -> None:
     assert found["verdict"] in ("none", "weak")
 
 
-@pytest.mark.slow_cases("10", "6")
 @pytest.mark.parametrize("count", [1, 2, 6, 10])
+@pytest.mark.slow
 def test_hardly_any_data(tmp_path: Path, count: int) -> None:
     """A clear refusal or a verdict that claims nothing."""
     simulate(tmp_path, "3-RPR", [], count, approach="one", conditions={})
@@ -611,6 +611,7 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
 
 
 @pytest.mark.parametrize("case", BAD)
+@pytest.mark.slow_cases("unknown kind")
 def test_bad_input(made: Callable[[str], Path], tmp_path: Path, case: str) -> None:
     """One message that names file, place and hint; nothing is written."""
     folder = shutil.copytree(made("none"), tmp_path / "c")

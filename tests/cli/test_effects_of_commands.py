@@ -329,6 +329,7 @@ def test_commands_cancel_backlash_and_compliance(tmp_path: Path) -> None:
         assert np.isnan(number(c, "error_position_after")), "nobody says how sure the model is"
 
 
+@pytest.mark.slow
 def test_commands_with_every_effect(tmp_path: Path) -> None:
     """Drift, temperature and gain as well."""
     machine(tmp_path, "3-RPR", ACTING)

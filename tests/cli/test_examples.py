@@ -35,6 +35,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow_cases(
+    "import klipper printer.cfg", "sensitivity mine.yaml --home-only",
     "identify mine.yaml run1.csv", "export maslow fitted-maslow", "export mjcf identified",
     "report identified compared", "figures identified --width 174mm",
     "figures identified --only machine", "certify identified run2.csv --about about.yaml",

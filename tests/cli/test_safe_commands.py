@@ -64,6 +64,7 @@ def test_a_model_file_says_how_well_it_fits_and_what_was_measured(bench: Path) -
 
 @pytest.mark.parametrize("line", LINES)
 @pytest.mark.parametrize("copied", [False, True], ids=["folder", "yaml alone"])
+@pytest.mark.slow_cases("folder-line1", "folder-line2", "yaml alone-line1")
 def test_a_model_that_misses_its_data_is_refused_with_exit_3(bench: Path, tmp_path: Path,
                                                              line: list[str], copied: bool) -> None:
     model = bench / "bad"
@@ -112,6 +113,7 @@ def unfinished(bench: Path) -> Path:
 
 @pytest.mark.parametrize("line", LINES)
 @pytest.mark.parametrize("known_by", ["folder", "yaml alone", "older folder"])
+@pytest.mark.slow_cases("folder-line1", "folder-line2", "older folder-line1", "older folder-line2")
 def test_a_model_whose_fit_had_not_converged_is_refused_with_exit_3(
         bench: Path, unfinished: Path, tmp_path: Path, line: list[str], known_by: str) -> None:
     model = tmp_path / "machine.yaml"
@@ -134,7 +136,7 @@ def test_a_model_whose_fit_had_not_converged_is_refused_with_exit_3(
 
 
 @pytest.mark.parametrize(("more", "code"), [([], 0), (["--iterations", "2"], 3)])
-@pytest.mark.slow_cases("more0-0")
+@pytest.mark.slow
 def test_a_damped_fit_is_taken_that_ended_at_the_noise(bench: Path, tmp_path: Path,
                                                        more: list[str], code: int) -> None:
     run = ppmcal("identify", "m.yaml", "s_good/measurements.csv", "--method", "damped", *more,
@@ -157,6 +159,7 @@ def test_noise_that_was_stated_too_small_is_mended_as_the_message_says(bench: Pa
             assert number(row, "sigma_position") < number(row, "error_position_before")
 
 
+@pytest.mark.slow
 def test_a_row_that_is_off_the_path_is_refused_and_the_path_goes_on(bench: Path, tmp_path: Path
                                                                    ) -> None:
     """Limits that a straight way leaves, though both its ends are inside."""

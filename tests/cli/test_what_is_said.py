@@ -116,6 +116,7 @@ def test_a_failure_says_its_reason_in_json_and_names_every_file(bench: Path, tmp
     assert "none.csv" in json.loads(run.out)["reason"]
 
 
+@pytest.mark.slow
 def test_the_interval_is_in_the_table(bench: Path) -> None:
     ppmcal("identify", "m.yaml", "a.csv", "--out", "i", "--keep-outliers", cwd=bench,
            expect=0)
@@ -126,6 +127,7 @@ def test_the_interval_is_in_the_table(bench: Path) -> None:
             assert half == pytest.approx(1.96 * float(row["sigma"]), rel=0.1)
 
 
+@pytest.mark.slow
 def test_rows_left_out_are_told_below_the_finding_that_counts_them(bench: Path) -> None:
     """Whatever other findings there are: here tolerances that are too tight."""
     machine = (bench / "m.yaml").read_text()

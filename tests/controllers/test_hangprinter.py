@@ -222,6 +222,7 @@ def test_other_machines_are_refused():
         export("hangprinter", ROOT / "configs" / "maslow.yaml")
 
 
+@pytest.mark.slow
 def test_the_shipped_machine_is_one(tmp_path):
     found = export("hangprinter", ROOT / "configs" / "hangprinter.yaml").exported
     np.testing.assert_allclose(read(found.files[HANGPRINTER.file], "x"),

@@ -236,6 +236,7 @@ def strut_lengths(pose: np.ndarray) -> np.ndarray:
     return np.linalg.norm(ends - BASE, axis=1)
 
 
+@pytest.mark.slow
 def test_a_ratio_is_a_straight_line(tmp_path: Path) -> None:
     path = machine(tmp_path, change={"leg2": {"ratio": {"value": 1.002, "nominal": 1.0,
                                                         "tolerance": 0.01}}})
@@ -248,6 +249,7 @@ def test_a_ratio_is_a_straight_line(tmp_path: Path) -> None:
     assert any("bare numbers" in n for n in run.json["notes"])
 
 
+@pytest.mark.slow
 def test_steps_counted_down_have_their_own_direction(tmp_path: Path) -> None:
     """Forward is where the joint value, in steps, grows: the carriage goes down."""
     change = {name: {"ratio": {"value": -0.0125, "fixed": True}, "offset": {

@@ -134,6 +134,7 @@ def test_import_and_the_written_copy_are_what_klipper_reads(tmp_path: Path, make
                  found.imported.printer.nominal.geometry) < 1e-6
 
 
+@pytest.mark.slow
 def test_numbers_in_the_body_that_win_over_a_calibration_are_told(tmp_path: Path) -> None:
     """The calibration stays a result to compare with, and is not what it prints with."""
     path = tmp_path / "printer.cfg"
@@ -147,6 +148,7 @@ def test_numbers_in_the_body_that_win_over_a_calibration_are_told(tmp_path: Path
     assert "saved.yaml" in found.files() and "140.5" in found.files()["saved.yaml"]
 
 
+@pytest.mark.slow
 def test_a_block_that_klipper_does_not_read_is_told_and_not_copied(tmp_path: Path) -> None:
     path = tmp_path / "printer.cfg"
     path.write_text(sample(tmp_path) + "[fan]\n")
@@ -158,6 +160,7 @@ def test_a_block_that_klipper_does_not_read_is_told_and_not_copied(tmp_path: Pat
     assert "Restore them" in run.err
 
 
+@pytest.mark.slow
 def test_only_files_beside_are_followed_and_no_circle(tmp_path: Path) -> None:
     home = tmp_path / "home"
     home.mkdir()

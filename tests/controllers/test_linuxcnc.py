@@ -320,6 +320,7 @@ PLACES = [np.array([*p, *r]) for p, r in product(
     [(0, 0, 0), (0.1, -0.12, 0.15), (-0.14, 0.05, -0.1)])]
 
 
+@pytest.mark.slow
 def test_joint_centres_are_driven_exactly(tmp_path: Path) -> None:
     path = changed(tmp_path, base=0.5, platform=0.3)
     run = ppmcal("export", "linuxcnc", path, "--json", cwd=tmp_path, expect=0).json
@@ -398,6 +399,7 @@ def test_offset_and_ratio_become_scale_and_home_offset(tmp_path: Path) -> None:
     assert "[TRAJ]HOME = 0.000000 0.000000 2000.000000 0.0" in text
 
 
+@pytest.mark.slow
 def test_the_present_pins_are_read_and_kept(tmp_path: Path) -> None:
     path = changed(tmp_path, base=0.5, platform=0.3)
     old = HexapodGeometry(*(triples(v) for v in centres(path, "nominal")), screw_lead=5.0,
@@ -473,6 +475,7 @@ def test_joints_beside_the_line_are_listed_with_their_cost(tmp_path: Path) -> No
     assert "cannot be expressed: joints 2 and 3 of leg2" in " ".join(said.split())
 
 
+@pytest.mark.slow
 def test_the_fit_is_a_smallest_one(tmp_path: Path) -> None:
     path = changed(tmp_path, {"leg2": {"joint2": {"x": 30}}, "leg5": {"joint3": {"y": 20}}})
     drive = drive_of(read_mechanism(path), 1e-3)

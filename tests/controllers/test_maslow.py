@@ -280,7 +280,7 @@ def keys(found):
 
 @pytest.mark.parametrize(("turn", "shift"), [(0.0, (0.0, 0.0)), (0.02, (30.0, -12.0)),
                                              (np.pi, (500.0, 9.0))])
-@pytest.mark.slow_cases("3.141592653589793-shift2")
+@pytest.mark.slow
 def test_anchors_are_in_the_frame_of_the_maslow(tmp_path, turn, shift):
     found = export("maslow", frame_of(tmp_path, turn, shift))
     for belt, place in TRUE.items():
@@ -316,6 +316,7 @@ def test_the_old_file_is_compared_and_copied(tmp_path):
         read(copy, "x"), read((tmp_path / "exported" / "anchors.yaml").read_text(), "x"))
 
 
+@pytest.mark.slow
 def test_limbs_of_other_names_are_told_by_where_they_are(tmp_path):
     tree = yaml.safe_load(frame_of(tmp_path, 0.0, (0.0, 0.0)).read_text())
     for limb, name in zip(tree["limbs"], "pqrs", strict=True):

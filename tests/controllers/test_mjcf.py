@@ -69,8 +69,8 @@ def bodies(machine, count):
 
 @pytest.mark.parametrize("name", MACHINES)
 @pytest.mark.slow_cases(
-    "offset U(P)S platform", "offset (P)US base", "offset (P)US platform", "offset (R)US base",
-    "offset (R)US platform")
+    "offset U(P)S base", "3-UPU", "offset U(P)S platform", "offset (P)US base",
+    "offset (P)US platform", "offset (R)US base", "offset (R)US platform")
 def test_at_joint_values_mujoco_has_the_platform_where_we_have_it(name):
     world, q, turns, places = bodies(MACHINES[name](), 2)
     for joints, turn, place in zip(q, turns, places, strict=True):
@@ -81,6 +81,7 @@ def test_at_joint_values_mujoco_has_the_platform_where_we_have_it(name):
 
 
 @pytest.mark.parametrize("name", NAMED)
+@pytest.mark.slow_cases("3-UPU")
 def test_its_actuators_bring_it_there(name):
     """Through servos and constraints that give way, from home, until it rests."""
     world, q, turns, places = bodies(config(name), 1)
@@ -89,6 +90,7 @@ def test_its_actuators_bring_it_there(name):
     assert np.abs(rotation - turns[0]).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_ctrl_and_the_actuators_length_are_the_joint_value():
     """With a ratio and an offset; and ropes, whose offset stands in biasprm."""
     machine = full("U(P)S")
@@ -134,6 +136,7 @@ def test_no_kind_is_named():
     assert not [k for k in kinds() if f'"{k}"' in code]
 
 
+@pytest.mark.slow
 def test_effects_are_named_with_what_each_costs(tmp_path):
     tree = yaml.safe_load((ROOT / "configs" / "3-RPR.yaml").read_text())
     tree["effects"] = [{"kind": "backlash", "parameters": {"width": 0.2}},
@@ -150,6 +153,7 @@ def test_effects_are_named_with_what_each_costs(tmp_path):
     assert "Cannot be expressed: effect backlash" in made.exported.files["machine.xml"]
 
 
+@pytest.mark.slow
 def test_the_command_writes_what_mujoco_reads(tmp_path):
     """Of an identified machine: its numbers, and errors of the nominal one at its joint values."""
     tree = yaml.safe_load((ROOT / "configs" / "3-RPR.yaml").read_text())
@@ -169,6 +173,7 @@ def test_the_command_writes_what_mujoco_reads(tmp_path):
     assert world.data.ctrl == pytest.approx(world.data.actuator_length, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_poses_of_a_table_are_driven_and_others_left_out(tmp_path):
     (tmp_path / "poses.csv").write_text("x,y,rz\n500,288,30\n510,295,28\n9000,0,0\n")
     made = export("mjcf", ROOT / "configs" / "3-RPR.yaml", poses=tmp_path / "poses.csv")
@@ -178,6 +183,7 @@ def test_poses_of_a_table_are_driven_and_others_left_out(tmp_path):
         export("mjcf", ROOT / "configs" / "3-RPR.yaml", poses=tmp_path / "poses.csv")
 
 
+@pytest.mark.slow
 def test_what_is_refused(tmp_path, monkeypatch):
     path = ROOT / "configs" / "3-RPR.yaml"
     with pytest.raises(BadInput, match="compared with the nominal geometry"):

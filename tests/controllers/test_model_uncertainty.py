@@ -82,6 +82,7 @@ def test_the_models_own_uncertainty_is_in_the_prediction(model: Path, tmp_path: 
     assert str(model.with_name("identification.json")) in found["provenance"]["inputs"]
 
 
+@pytest.mark.slow
 def test_what_is_not_known_is_not_promised(model: Path, tmp_path: Path) -> None:
     """Without the identification beside it there is no figure, and no 0.0000 either."""
     alone = tmp_path / "identified.yaml"
@@ -96,6 +97,7 @@ def test_what_is_not_known_is_not_promised(model: Path, tmp_path: Path) -> None:
         assert "Predicted error with the new" not in text
 
 
+@pytest.mark.slow
 def test_several_frames_are_none(model: Path) -> None:
     """With two data sets it is the base frame, and that is said."""
     mechanism = read_mechanism(model)

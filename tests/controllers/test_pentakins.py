@@ -109,6 +109,7 @@ def test_a_joint_beside_the_axis_is_fitted_and_told(tmp_path):
     assert 1e-6 < made.exported.after.rms < 0.7 * made.exported.before.rms
 
 
+@pytest.mark.slow
 def test_effects_are_named(tmp_path):
     own = tree() | {"effects": [{"kind": "gain", "parameters": {"gain": 1e-4}}]}
     made = export("linuxcnc", written(tmp_path, own))

@@ -94,8 +94,8 @@ def test_errors_between_the_poses_shrink(tmp_path: Path, name: str, factor: floa
         assert "rotation" not in after
 
 
-@pytest.mark.slow_cases("6-UPS")
 @pytest.mark.parametrize("name", ["3-RPR", "6-UPS"])
+@pytest.mark.slow
 def test_the_gain_by_hand(tmp_path: Path, name: str) -> None:
     """Corner weights, strut lengths by matrices, the true machine's pose by a root finder."""
     true = identified(name)
@@ -141,6 +141,7 @@ def test_the_gain_by_hand(tmp_path: Path, name: str) -> None:
         assert np.sqrt(np.mean(np.square(sizes))) == pytest.approx(told["rms"], rel=0.4)
 
 
+@pytest.mark.slow
 def test_the_table_holds_poses_commands_and_joints(tmp_path: Path) -> None:
     true = identified("3-RPR")
     run = ppmcal("export", "grid", written(tmp_path, true), "--json", "--out", tmp_path / "o")
@@ -162,6 +163,7 @@ def test_the_table_holds_poses_commands_and_joints(tmp_path: Path) -> None:
     assert all(np.all((got[q] >= 200) & (got[q] <= 700)) for q in legs_)
 
 
+@pytest.mark.slow
 def test_a_machine_as_drawn_is_told_what_is_wanted(tmp_path: Path) -> None:
     run = ppmcal("export", "grid", CONFIGS / "delta-linear.yaml", "--json", "--out",
                  tmp_path / "o", expect=0)
@@ -207,6 +209,7 @@ def test_effects_of_state_are_taken_at_rest_and_listed(tmp_path: Path) -> None:
 
 # ---------------------------------------------------------------- lists of poses
 
+@pytest.mark.slow
 def test_a_list_is_corrected_at_its_poses_only(tmp_path: Path) -> None:
     path = written(tmp_path, identified("3-RPR"))
     write_csv(tmp_path / "p.csv", [{"x": 500, "y": 290, "rz": 30, "dir_leg1": 1},
@@ -262,6 +265,7 @@ def test_lists_that_lead_nowhere_are_refused(tmp_path: Path) -> None:
 
 # ---------------------------------------------------------------- refusals
 
+@pytest.mark.slow
 def test_bad_options_and_machines_are_refused(tmp_path: Path) -> None:
     path = edited(tmp_path)
     run = ppmcal("export", "grid", path, "--old", path, cwd=tmp_path, expect=2)
@@ -326,6 +330,7 @@ def test_the_nearer_rotation_vector_is_the_same_turn(turn: list[float], by: list
     assert np.linalg.norm(found - turn) <= np.linalg.norm(short - turn) + 1e-12
 
 
+@pytest.mark.slow
 def test_the_default_grid_is_inside_limits_of_the_drawing() -> None:
     for name in ("3-RPR", "6-UPS"):
         machine = read_mechanism(CONFIGS / f"{name}.yaml")

@@ -532,6 +532,7 @@ def test_real_beds_come_out_as_the_steps_that_were_worked_out_of_them(tmp_path: 
 # ---------------------------------------------------------------- radius
 
 
+@pytest.mark.slow
 def test_a_radius_that_was_measured_by_hand_is_nominal(tmp_path: Path) -> None:
     path = written(tmp_path, config(REAL, body="#delta_radius: 100.0\n"))
     said = import_config("klipper", path)

@@ -79,6 +79,7 @@ def test_a_printer_of_another_package_is_imported(site, tmp_path):
     assert "unknown format 'bench'" in " ".join(refused.err.split())
 
 
+@pytest.mark.slow
 def test_a_controller_of_another_package_says_what_to_do_with_a_machine(site, tmp_path):
     """As ppmcal's own do: in its declaration, for the machines that it drives."""
     code = ("import sys\nfrom ppmcal.controllers import uses\n"

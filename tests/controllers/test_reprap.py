@@ -266,6 +266,7 @@ def test_single_numbers_move_alone(tmp_path: Path) -> None:
     assert "L250.4000 R" in format_delta(longer.new)      # equal rods are one number
 
 
+@pytest.mark.slow
 def test_the_gain_against_the_present_file(tmp_path: Path) -> None:
     path = changed(tmp_path, BENT)
     (tmp_path / "config-override.g").write_text(OVERRIDE)
@@ -437,6 +438,7 @@ def test_cut_and_scrambled_files_never_end_in_a_traceback(tmp_path: Path,
         assert run.code in (0, 1, 2, 3) and "fault of ppmcal" not in run.err, run.err
 
 
+@pytest.mark.slow
 def test_a_machine_that_is_no_delta_is_refused(tmp_path: Path) -> None:
     for name in ("6-UPS", "delta-rotary", "3-RPR"):
         run = ppmcal("export", "reprap", CONFIGS / f"{name}.yaml", cwd=tmp_path, expect=2)

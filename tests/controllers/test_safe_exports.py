@@ -32,6 +32,7 @@ def machine(name: str) -> Mechanism:
     return mechanism.with_values(g)
 
 
+@pytest.mark.slow
 def test_a_grid_ends_where_the_measurements_end() -> None:
     mechanism = machine("3-RPR")
     whole = default_grid(mechanism)
@@ -60,6 +61,7 @@ def test_a_listed_pose_far_outside_what_was_measured_has_no_command(tmp_path) ->
     assert found.has_findings
 
 
+@pytest.mark.slow
 def test_joint_tables_end_a_little_beyond_the_measured_joints() -> None:
     """A polynomial runs off outside; LinuxCNC keeps the last value there."""
     mechanism = with_effects(machine("3-RPR"), [{"kind": "curvature", "on": ["leg2"], "parameters":

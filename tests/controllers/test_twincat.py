@@ -49,6 +49,7 @@ def test_told_to_go_somewhere_arms_and_rods_are_as_long_as_the_numbers_say():
     assert cga.translation(at) == pytest.approx(points, abs=1e-10)
 
 
+@pytest.mark.slow
 def test_what_all_arms_share_and_zeros_are_held_exactly(tmp_path):
     own = tree()
     for limb, by in zip(own["limbs"], (0.3, -0.2, 0.1), strict=True):
@@ -61,6 +62,7 @@ def test_what_all_arms_share_and_zeros_are_held_exactly(tmp_path):
     assert new == pytest.approx([150.4, 349.4, 120.0, 45.0, -0.3, 0.2, -0.1], abs=1e-5)
 
 
+@pytest.mark.slow
 def test_arms_that_differ_are_fitted_and_told(tmp_path):
     own = tree()
     own["limbs"][0]["proximal"] = changed(150, 0.8)

@@ -57,6 +57,7 @@ def test_a_machine_that_nobody_measured_is_not_judged(here: Path) -> None:
     assert run.out.startswith("Paste this: not judged;")
 
 
+@pytest.mark.slow
 def test_lines_to_paste_are_never_broken(tmp_path: Path) -> None:
     """Half a line of M669 is another command; and nobody who owns the printer knows of run_1."""
     shutil.copy(SAMPLE.parents[1] / "hangprinter" / "samples.jsonl", tmp_path)
@@ -76,6 +77,7 @@ def test_lines_to_paste_are_never_broken(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("folders", "stands"), [
     (("one",), 1), (("one", "both"), 1), (("one", "two"), 4)])
+@pytest.mark.slow_cases("folders0-1", "folders1-1")
 def test_a_page_says_the_verdict_once(here: Path, folders: tuple[str, ...], stands: int) -> None:
     """Of its only export; of two the beginning and each one's chapter say it."""
     for name, model in (("one", "both"), ("two", "heights")):
@@ -85,6 +87,7 @@ def test_a_page_says_the_verdict_once(here: Path, folders: tuple[str, ...], stan
     assert page.count("Paste this: ") == stands
 
 
+@pytest.mark.slow
 def test_a_fit_that_predicts_unseen_rows_no_better_is_refused(here: Path) -> None:
     path = here / "both" / "identification.json"
     record = json.loads(path.read_text())
@@ -98,6 +101,7 @@ def test_a_fit_that_predicts_unseen_rows_no_better_is_refused(here: Path) -> Non
     assert run.out.startswith("Paste this: no;")
 
 
+@pytest.mark.slow
 def test_write_changes_the_numbers_alone_and_keeps_the_old_file(here: Path) -> None:
     path = here / "printer.cfg"
     before = path.read_bytes()
@@ -135,6 +139,7 @@ def test_write_leaves_a_file_that_the_machine_is_not_of(here: Path, away: bool) 
     ("reprap", "; my printer\nM665 L300 R140 H290 B110 ; rods\nM666 X0 Y0 Z0\nM92 X80\n"),
     ("marlin", "echo:  M92 X80 Y80 Z80\necho:  M665 L300.00 R140.00 H290.00 S80\necho:  M666 X0\n"),
 ])
+@pytest.mark.slow
 def test_lines_of_gcode_take_the_place_of_the_old_ones(here: Path, form: str, text: str) -> None:
     path = here / "config.g"
     path.write_text(text)

@@ -241,6 +241,7 @@ def test_surplus_ropes_leave_of_the_pair_what_closes_by_all(name):
         assert np.allclose(matrices(found.motors)[1], matrices(pose)[1], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_delta_where_the_two_modes_meet_and_beyond():
     """One carriage rises until the two points in which the spheres meet are one."""
     machine = delta("(P)US", 3)

@@ -27,6 +27,7 @@ def modes_of(mechanism, q, method="newton"):
 
 
 @pytest.mark.parametrize("name", CLOSED)
+@pytest.mark.slow_cases("tripod")
 def test_every_pose_closes_and_one_is_the_machines_own(name):
     mechanism = CLOSED[name]()
     model = Model(mechanism)

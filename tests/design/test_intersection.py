@@ -72,7 +72,7 @@ SPATIAL = {"delta on rails": lambda: machines.delta("(P)US", 3),
            "tripod": lambda: machines.plain("R(P)S"), "full tripod": lambda: machines.full("R(P)S")}
 
 
-@pytest.mark.slow_cases("delta with cranks")
+@pytest.mark.slow_cases("tripod", "full tripod", "delta with cranks")
 @pytest.mark.parametrize("name", SPATIAL)
 def test_the_intersection_is_newtons_pose_of_deltas_and_tripods(name):
     mechanism = SPATIAL[name]()
@@ -146,6 +146,7 @@ def test_three_planes_meet_in_a_flat_point():
     assert np.isnan(flat_point(cga.meet(axes[0], axes[0], axes[1]))).all()
 
 
+@pytest.mark.slow
 def test_joints_beyond_reach_have_no_intersection():
     mechanism = machines.plain("R(P)R")
     q = np.array([home_state(mechanism).q, [0.05, 0.9, 0.05], [np.nan, 0.3, 0.3]])

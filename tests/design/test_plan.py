@@ -105,6 +105,7 @@ def fedorov(whole, start):
 
 
 @pytest.mark.parametrize("name", ["3-RPR", "6-UPS"])
+@pytest.mark.slow
 def test_exchange_against_fedorov_and_greedy(name):
     whole = part(possible(name), np.arange(0, 60, 2))
     start = greedy(whole, 7, ONCE)
@@ -142,7 +143,7 @@ def test_updates_of_rank_m_are_what_they_replace(name):
 
 
 @pytest.mark.parametrize("name", MACHINES)
-@pytest.mark.slow_cases("3-RPS")
+@pytest.mark.slow_cases("delta-linear", "3-RPS")
 def test_excursions_and_repeats(name):
     whole = part(possible(name), np.arange(6))
     rules = Rules(False, None)
@@ -188,6 +189,7 @@ def test_candidates_can_be_measured(name):
 
 
 @pytest.mark.parametrize("name", ["3-RPR", "6-UPS"])
+@pytest.mark.slow_cases("6-UPS")
 def test_poses_on_the_edge_can_go_no_farther(name):
     drawn, found = machine(name).nominal(), pool(name)
     region = region_of(drawn)
@@ -275,6 +277,7 @@ def test_where_it_no_longer_pays():
     assert accuracy.reaching(errors, 0.01) is None
 
 
+@pytest.mark.slow
 def test_refining_raises_information_and_keeps_its_price():
     name = "3-RPR"
     mechanism = machine(name)
@@ -510,6 +513,7 @@ def test_a_plan_can_be_measured_and_keeps_its_promise(planned):
         assert found[name] * factor[name] == pytest.approx(sigma[name], rel=0.05), name
 
 
+@pytest.mark.slow
 def test_files_are_in_the_machines_units():
     found = planned_from("3-RPR", 4)
     other = replace(found, mechanism=replace(found.mechanism, units=Units("in", "rad")))
@@ -543,6 +547,7 @@ def test_machines_with_fewer_drives_and_touches_of_a_flat(tmp_path):
     assert set(inverse_table(Model(machine("3-RPS").nominal()), poses).status) == {"ok"}
 
 
+@pytest.mark.slow
 def test_flat_priors_leave_out_what_cannot_be_told(tmp_path):
     text = yaml.safe_load((CONFIGS / "3-RPR.yaml").read_text())
     text["tolerances"] = dict.fromkeys(("point", "length", "angle", "offset"), float("inf"))
@@ -573,6 +578,7 @@ def test_flat_priors_leave_out_what_cannot_be_told(tmp_path):
     (("--instrument", "distance.yaml"), "where the fixed point is"),
     (("--count", "1"), "2<=x<=1000"),
 ])
+@pytest.mark.slow_cases("arguments11-none of the 2 poses can be used")
 def test_refusals(arguments, words, tmp_path):
     head = "format: ppmcal/dataset/1\nunits: {length: mm, angle: deg}\nframe: unknown\n"
     (tmp_path / "flat.yaml").write_text(
@@ -586,6 +592,7 @@ def test_refusals(arguments, words, tmp_path):
     assert not (tmp_path / "plan").exists()
 
 
+@pytest.mark.slow
 def test_candidates_that_cannot_do_it_are_findings(tmp_path):
     write_csv(tmp_path / "few.csv", [{"x": 500, "y": 260, "rz": 25}, {"x": 520, "y": 280, "rz": 20},
                                      {"x": 9000, "y": 0, "rz": 0}])

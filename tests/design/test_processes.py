@@ -37,7 +37,7 @@ def test_answers_come_in_order(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("send", ["os.kill", "os.killpg"])
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
-@pytest.mark.slow_cases("SIGTERM-os.killpg", "SIGHUP-os.kill")
+@pytest.mark.slow
 def test_a_pool_is_stopped(tmp_path: Path, name: str, send: str) -> None:
     """A closed terminal ends all its processes, also Python's own that counts semaphores."""
     run = subprocess.run(

@@ -370,6 +370,7 @@ def test_a_map_has_its_pictures_and_the_right_place(tmp_path: Path) -> None:
     (("--sigmas", "inf"), "standard deviations"),
     (("--sigmas", "nan"), "standard deviations"),
 ])
+@pytest.mark.slow_cases("options11-names none of the errors")
 def test_bad_options_are_refused(options: tuple[str, ...], words: str, tmp_path: Path) -> None:
     machine_file = CONFIGS / ("6-RUS.yaml" if options == ("--together", "*") else "3-RPR.yaml")
     run = ppmcal("sensitivity", machine_file, *options, "--out", tmp_path / "o", expect=2)

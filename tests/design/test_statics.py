@@ -72,6 +72,7 @@ def least_energy(mechanism, model, q, pose, wrench):
 
 
 @pytest.mark.parametrize("tree", [cables, belts, rope_cage, stewart], ids=lambda t: t.__name__)
+@pytest.mark.slow_cases("rope_cage")
 def test_forces_and_pose_are_those_of_the_least_energy(tree, tmp_path):
     """Tight ropes under a load: commands are off by what pulls them, and so is each other limb."""
     mechanism = machine(tmp_path, stiff(tree()))
@@ -233,6 +234,7 @@ def test_the_command_tells_what_nothing_holds(tmp_path):
     assert "without a load" in other["findings"][0]
 
 
+@pytest.mark.slow
 def test_the_command_tells_what_a_calibrated_machine_holds_without_a_load(tmp_path):
     tree = stiff(cables())
     tree["limbs"][1]["offset"] = {"value": 0.02, "nominal": 0.0}
@@ -289,6 +291,7 @@ def differences_of_pull(mechanism, cut, pose, size):
     ("cable-4-pulleys", 1e-6), ("cable-8", 1e-6),
     # a swivel turns about its own axis, and is taken to turn as the rope does
     ("cable-8-pulleys", 5e-3)], ids=lambda value: getattr(value, "__name__", str(value)))
+@pytest.mark.slow_cases("cable-8-pulleys-0.005")
 def test_stiffness_of_tight_ropes_is_how_their_pull_changes_with_the_pose(tree, limit, tmp_path):
     """Differences of the equilibrium: ropes cut as short as told, and the platform moved."""
     tree = tree() if callable(tree) else yaml.safe_load((CONFIGS / f"{tree}.yaml").read_text())

@@ -451,6 +451,7 @@ def test_a_joint_that_the_pose_does_not_feel_is_no_spring(tmp_path: Path) -> Non
     assert all(number(r, "deflection_position") < 1e-15 for r in ok)
 
 
+@pytest.mark.slow
 def test_shares_are_what_is_saved_by_making_a_part_rigid(tmp_path: Path) -> None:
     whole = {"bar": 5e4, "drive": 2e5, "joint2": {"x": 3e5, "y": 1e5, "z": 2e5, "rx": 20.0}}
     mechanism = machine(tmp_path, "6-UPS", stiffness=whole)

@@ -185,7 +185,7 @@ def test_the_fleet_is_calibrated_as_identify_would(name: str, kind: str) -> None
 
 
 @pytest.mark.parametrize("name", ["cable-4-planar", "stewart-7", "cable-8-pulleys"])
-@pytest.mark.slow_cases("cable-4-planar", "cable-8-pulleys")
+@pytest.mark.slow
 def test_readings_follow_the_platform_and_miss_the_closure_as_asked(name: str) -> None:
     """Joints commanded at which limbs contradict each other, then what their encoders show."""
     one = fleet(name, "pose", 10)

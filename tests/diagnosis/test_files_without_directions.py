@@ -86,6 +86,7 @@ def test_a_backlash_is_named_though_two_of_three_files_know_no_direction(tmp_pat
     assert again.code in (0, 1), again.err
 
 
+@pytest.mark.slow
 def test_a_side_that_is_not_known_is_noise_of_the_joint(tmp_path: Path) -> None:
     folder = campaign(tmp_path / "p")
     text = (folder / "machine.yaml").read_text()

@@ -61,6 +61,7 @@ def search(tmp_path: Path, seed: int, height: float) -> Diagnosis:
     return diagnose(Problem(mechanism, data, mechanism.free))
 
 
+@pytest.mark.slow
 def test_columns_of_pairs_are_differences(tmp_path: Path) -> None:
     """Every kind's column of a distance between two positions, against differences."""
     mechanism, data = campaign(tmp_path, 1, 0.0)

@@ -120,7 +120,8 @@ CASES = [("pose", "a leg"), ("pose", "along"), ("position", "across"), ("positio
 QUICK = (("pose", "a leg"), ("position", "up"), ("plane", "along"))
 
 
-@pytest.mark.slow_cases("position-up", *(f"{i}-{t}" for i, t in CASES if (i, t) not in QUICK))
+@pytest.mark.slow_cases(
+    "pose-a leg", "position-up", *(f"{i}-{t}" for i, t in CASES if (i, t) not in QUICK))
 @pytest.mark.parametrize(("instrument", "term"), CASES)
 def test_what_is_learned_does_no_harm(instrument: str, term: str) -> None:
     """With it the real machine is no worse than with geometry alone, and within tolerances."""
@@ -161,6 +162,7 @@ def test_of_a_flat_only_its_height_is_seen() -> None:
     assert acts == {JOINT, "z"}
 
 
+@pytest.mark.slow
 def test_shapes_that_move_the_platform_along_the_flat_alone_are_none() -> None:
     """Where three towers err alike by their own travel, some shapes move it sideways only."""
     def freedom(instrument: str) -> tuple[int, int]:
@@ -178,6 +180,7 @@ def test_shapes_that_move_the_platform_along_the_flat_alone_are_none() -> None:
     assert position[0] == position[1]
 
 
+@pytest.mark.slow
 def test_a_term_is_as_large_as_rows_show() -> None:
     """Ten times as large where rows say so, and nothing in rows of the geometry alone."""
     fit, _, _ = campaign("position", "up")

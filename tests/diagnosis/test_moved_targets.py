@@ -122,6 +122,7 @@ def test_columns_are_what_the_step_does(tmp_path: Path, joint: float) -> None:
         assert (moves == (later & (n == 1 or (n > 1 and joint > 0.0)))).all()
 
 
+@pytest.mark.slow
 def test_commands_for_a_target_are_for_where_it_is_in_the_end(tmp_path: Path) -> None:
     machine(tmp_path)
     content = yaml.safe_load((tmp_path / "bench.yaml").read_text())

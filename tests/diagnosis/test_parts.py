@@ -137,6 +137,7 @@ def test_what_is_optional_is_tried_alone_after_the_plain_kind() -> None:
     assert not any("tau" in f.constants for f in less.hypotheses)
 
 
+@pytest.mark.slow
 def test_one_of_two_kinds_of_a_name_may_be_untestable() -> None:
     """Heat of the drives is tested without a thermometer; heat of the hall stays listed."""
     system, _ = system_of("3-RPR", 1)

@@ -38,6 +38,7 @@ def system_of(machine: str) -> tuple[System, Library]:
 
 
 @pytest.mark.parametrize("machine", ["3-RPR", "delta-linear"])
+@pytest.mark.slow_cases("delta-linear")
 def test_products_are_those_of_the_columns(machine: str) -> None:
     system, found = system_of(machine)
     products = found.products

@@ -58,6 +58,7 @@ def test_columns_are_those_of_the_library() -> None:
     assert source.along(values)[some] == pytest.approx(source.some(some).T @ values)
 
 
+@pytest.mark.slow
 def test_a_kind_is_told_apart_by_its_joints_and_the_unknown_is_not() -> None:
     found = asked("3-RPR", [], 1.0, poses=30)
     where = defaultdict(set)

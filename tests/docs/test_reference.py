@@ -52,6 +52,7 @@ def test_the_search_for_descriptions_finds_what_lacks_one():
 
 
 @pytest.mark.parametrize("name", FILES)
+@pytest.mark.slow_cases("mechanism", "scenario")
 def test_every_key_has_an_example_that_the_page_shows(name):
     page = keys.key_page(name)
     for part, schema in keys.parts(name):

@@ -95,6 +95,7 @@ def test_three_blocks_are_as_likely_as_the_sum_over_their_sizes() -> None:
     assert joint(given, three).log_evidence - given.log_evidence == pytest.approx(brute, abs=0.2)
 
 
+@pytest.mark.slow
 def test_a_block_that_stands_twice_is_hardly_likelier_or_less_than_once() -> None:
     """Two of the same share their size: the ridge of sums is more than one size each at its best.
 

@@ -41,6 +41,7 @@ def weights(square: np.ndarray, values: int = 3) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("count", "values"), [(20, 1), (60, 3), (60, 6), (2000, 6)])
+@pytest.mark.slow_cases("2000-6")
 def test_noise_keeps_its_weight(count: int, values: int) -> None:
     """Of two hundred campaigns without a gross error hardly any leaves a row out."""
     found = [weights(rows(seed, count, values), values) for seed in range(200)]

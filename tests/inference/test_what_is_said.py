@@ -89,6 +89,7 @@ def exceeded(odds: Callable[[Question], float], draws: int, seed: int = 1, kinds
         stats.binom(draws, 1.0 / ODDS).ppf(0.999)) / draws
 
 
+@pytest.mark.slow
 def test_odds_against_nothing_keep_their_bound_where_nothing_is() -> None:
     rate, most = exceeded(against_nothing, 150, signed=True)
     assert rate <= most
@@ -158,6 +159,7 @@ def test_a_candidate_that_drops_the_row_it_misses_breaks_the_bound() -> None:
 
 
 @pytest.mark.parametrize("misuse", [as_it_fits_best, of_no_prior])
+@pytest.mark.slow_cases("of_no_prior")
 def test_a_prior_that_is_none_breaks_the_bound(misuse: Callable[[Question], float]) -> None:
     rate, most = exceeded(misuse, 60, seed=4, kinds=20)
     assert rate > most

@@ -33,7 +33,7 @@ def edited(kind: str, changes: dict[str, dict[str, Any]], **more: Any) -> Mechan
 
 
 @each
-@pytest.mark.slow_cases("(P)US-base", "(P)US-platform", "(R)US-base", "(R)US-platform")
+@pytest.mark.slow
 def test_a_file_written_and_read_is_the_same_machine(kind: str, body: str) -> None:
     """As drawn, after a fit that moved offset and axes, and with joint frames."""
     for full in (False, True):

@@ -269,6 +269,7 @@ TABLES = {
 }
 
 
+@pytest.mark.slow
 def test_every_length_in_another_unit(files):
     """What another reading explains is no result, exit code 3; the mend is told."""
     lengths = ("x", "y", "q_leg1", "q_leg2", "q_leg3")
@@ -286,6 +287,7 @@ def test_a_joint_column_and_a_rotation_exchanged(files):
 
 
 @pytest.mark.parametrize("what", TABLES)
+@pytest.mark.slow_cases("one row")
 def test_table(files, what):
     change, said = TABLES[what]
     edit(files / "d.csv", change)
@@ -293,6 +295,7 @@ def test_table(files, what):
 
 
 @pytest.mark.parametrize("extra", [{"rx": 1}, {"cmd_x": 1, "cmd_y": 2, "cmd_rz": 3}])
+@pytest.mark.slow_cases("extra0")
 def test_columns_that_are_not_used_are_named(files, extra):
     edit(files / "d.csv", lambda k, row: row | extra)
     run = ppmcal(*DATA, cwd=files)

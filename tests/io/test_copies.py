@@ -452,7 +452,7 @@ def test_honest_heights_of_another_day_are_no_copies(printer, seed):
 
 
 @pytest.mark.parametrize("lines", [["a,b"], ["1,2", "1"], ["1e999,1"], [""], ["nan,nan"], []])
-@pytest.mark.slow_cases("lines0", "lines2", "lines3")
+@pytest.mark.slow
 def test_rows_in_a_record_that_are_none_do_no_harm(bench, calibrated, tmp_path, lines):
     record = json.loads((calibrated / "identification.json").read_text())
     record["known_rows"][0] |= {"rows": lines, "columns": ["x", "y"]}

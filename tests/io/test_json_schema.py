@@ -29,7 +29,7 @@ def problems(name, content):
 
 
 @pytest.mark.parametrize("name", FILES)
-@pytest.mark.slow_cases("mechanism")
+@pytest.mark.slow_cases("dataset", "scenario", "mechanism")
 def test_a_schema_is_one(name):
     Draft202012Validator.check_schema(file_schema(name))
 
@@ -114,6 +114,7 @@ def test_the_command_prints_what_the_function_returns():
 
 
 @pytest.mark.parametrize("name", RESULTS)
+@pytest.mark.slow_cases("diagnosis")
 def test_every_result_has_a_schema(name):
     schema = face.schema(name)
     Draft202012Validator.check_schema(schema)

@@ -95,6 +95,7 @@ def numpy_columns(closure: Closure, pose: Array, by_pose: Array, asked: Sequence
 
 
 @every_machine
+@pytest.mark.slow_cases("R(P)R plain")
 def test_columns_are_those_of_the_matrices(name: str) -> None:
     mechanism, q, pose = rows_of(name)
     # wanted, an offset makes the joint's turn depend on the pose

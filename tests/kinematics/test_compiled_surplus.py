@@ -77,6 +77,7 @@ def test_newton_ends_at_the_same_least_squares(rows, monkeypatch):
     assert compiled_limbs.compiled_limbs(model.closure(q), COUNT) is not None
 
 
+@pytest.mark.slow_cases("cranks, some gap")
 def test_rows_from_home_come_to_the_same_poses(rows, monkeypatch):
     model, q, _ = rows
     plain, fast = both(monkeypatch, lambda: forward(model, q))
@@ -84,7 +85,7 @@ def test_rows_from_home_come_to_the_same_poses(rows, monkeypatch):
     np.testing.assert_allclose(fast.pose, plain.pose, atol=1e-10)
 
 
-@pytest.mark.slow_cases("pulleys")
+@pytest.mark.slow_cases("cage", "pulleys")
 def test_rows_in_another_minimum_are_found_alike(rows, monkeypatch):
     model, q, there = rows
     off = there.copy()

@@ -76,6 +76,7 @@ def test_a_newton_step_squares_what_a_root_is_off_if_it_is_little(name: str) -> 
 
 @pytest.mark.parametrize("most", [0.0, 0.3])
 @pytest.mark.parametrize(("kind", "body"), [("U(P)S", "base"), ("(P)US", "platform")])
+@pytest.mark.slow_cases("(P)US-platform-0.0")
 def test_an_offset_joint_is_turned_until_it_stands_still(kind: str, body: str, most: float) -> None:
     """In every row, those that start at the root too: to the last digits, without a polish."""
     mechanism = offset_joints(kind, body, size=60.0)

@@ -55,7 +55,9 @@ def value(model: Model, q: Array, pose: Array, at: str) -> Array:
 
 
 @pytest.mark.parametrize("name", MACHINES)
-@pytest.mark.slow_cases("(P)US base")
+@pytest.mark.slow_cases(
+    "(P)RR", "P(R)R", "(R)RP", "(P)RP", "(P)PR", "(R)US", "U(P)S base", "(P)US platform",
+    "(R)US base", "(R)US platform", "(P)US base")
 def test_derivatives_are_those_of_differences(name: str) -> None:
     mechanism = MACHINES[name]
     model = Model(mechanism)

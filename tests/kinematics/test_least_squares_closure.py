@@ -53,6 +53,7 @@ def test_joints_that_agree_close_exactly(model):
         found.pose[:, :4] * there[:, :4], axis=1))[:, None], atol=1e-11)
 
 
+@pytest.mark.slow_cases("stewart")
 def test_joints_that_contradict_each_other_give_least_squares(model):
     """SciPy's minimum of the squared gaps, which are distances there and not inner products."""
     mechanism = model.mechanism

@@ -149,6 +149,7 @@ def test_ropes_in_surplus_need_measured_tensions():
     assert not reached_poses(Model(mechanism), q, pushed).model.shift.slots[1, "offset"].any()
 
 
+@pytest.mark.slow
 def test_a_rope_that_would_have_to_push_is_a_finding(tmp_path):
     """By the load, or as it was measured; where all ropes pull nothing is said."""
     path = written(tmp_path, plotter())

@@ -168,6 +168,7 @@ def test_cases_have_defaults_and_own_names(tmp_path) -> None:
         one.files(tmp_path)
 
 
+@pytest.mark.slow
 def test_truth_tables_of_the_project() -> None:
     """Every label says where it is from; those from regressions are not called the owner's."""
     cases = read_sets()

@@ -46,7 +46,7 @@ def moved(model: Model, index: int, step: float) -> Model:
 
 
 @each
-@pytest.mark.slow_cases("U(P)S-base", "(R)US-base", "(R)US-platform")
+@pytest.mark.slow
 def test_the_closure_is_that_of_the_joint_turned_explicitly(kind: str, body: str) -> None:
     """Open or closed, at any pose: with the contract's formula, and with errors in every slot."""
     for shifted, tables in ((False, (machines.contract_lengths, machines.chain_lengths)),

@@ -78,10 +78,7 @@ def test_a_serial_chain_through_the_passive_joints_closes(kind: str, shifted: bo
 
 @each
 @at_both
-@pytest.mark.slow_cases(
-    "nominal-UP", "nominal-(R)RPaU", "nominal-(P)RRR", "nominal-U(P)R", "nominal-UPU",
-    "nominal-UPR", "perturbed-UP", "perturbed-U(P)U", "perturbed-(R)RPaU", "perturbed-(P)RRR",
-    "perturbed-U(P)R", "perturbed-UPU", "perturbed-UPR")
+@pytest.mark.slow
 def test_derivatives_are_differences(kind: str, shifted: bool) -> None:
     """By pose, joint and every slot, at poses that close and at poses that do not."""
     model, q, closed = sample(kind, shifted)

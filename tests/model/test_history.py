@@ -180,6 +180,7 @@ def added(mechanism: Mechanism, data: Dataset) -> Array:
 
 
 @each_effect
+@pytest.mark.slow_cases("creep")
 def test_rows_that_are_left_out_were_visited_all_the_same(name: str) -> None:
     """A part of the rows, in any order, has the values that it has in the whole file."""
     mechanism, data = acting(name), campaign()

@@ -199,6 +199,7 @@ def test_commands_inside_and_outside(tmp_path: Path) -> None:
     assert "x = 200 mm, known -150 to 150" in two["reason"]
 
 
+@pytest.mark.slow
 def test_a_joint_table_ends_where_the_term_does(tmp_path: Path) -> None:
     """Inside, what the table commands stands where nominal kinematics means: offset and term."""
     nodes, values = [2500.0, 2550, 2600, 2700, 2750], [0.0, 0.05, -0.1, 0.05, 0.0]

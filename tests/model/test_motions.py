@@ -121,6 +121,7 @@ def test_a_five_bar_is_checked(five_bar: Path) -> None:
     assert (found["rank"], found["columns"]) == (6, 6)
 
 
+@pytest.mark.slow
 def test_a_five_bars_kinematics_go_both_ways(five_bar: Path) -> None:
     for method in ("newton", "intersection"):
         pick(five_bar / "s" / "measurements.csv", ["x", "y"], five_bar / "at.csv")
@@ -135,6 +136,7 @@ def test_a_five_bars_kinematics_go_both_ways(five_bar: Path) -> None:
                 assert number(row, c) == pytest.approx(number(wanted, c), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_five_bar_is_identified_and_compensated(five_bar: Path) -> None:
     ppmcal("identify", "m.yaml", "s/measurements.csv", "--out", "i", cwd=five_bar, expect=0)
     truth = {"left.proximal": 0.2, "right.distal": -0.3, "left.offset": 0.3}

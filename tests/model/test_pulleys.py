@@ -58,6 +58,7 @@ def test_a_rope_is_as_long_as_tangent_and_arc(name: str) -> None:
 
 
 @each
+@pytest.mark.slow_cases("cable-8-pulleys")
 def test_forward_undoes_inverse(name: str) -> None:
     model, q, pose = sample(name)
     found = forward(model, q)
@@ -119,6 +120,7 @@ def test_a_rope_pulls_along_what_is_off_the_pulley(name: str) -> None:
 
 
 @each
+@pytest.mark.slow_cases("cable-8-pulleys")
 def test_a_file_reads_back_as_written(name: str) -> None:
     mechanism = read_mechanism(ROOT / "configs" / f"{name}.yaml")
     moved = mechanism.with_values(mechanism.values + 1e-3 * np.arange(mechanism.values.size) / 50)

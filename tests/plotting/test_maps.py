@@ -131,6 +131,7 @@ def check_picture(values, shape, log):
 
 @pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize("fill", [NAN, INF, -INF, 0.0, 1e308])
+@pytest.mark.slow_cases("-inf")
 def test_no_determinant_breaks_a_picture(fill):
     m, value = machine(), np.ones((4, 5))
     grid = slice_grid(m, (0, 1), (4, 5))
@@ -138,6 +139,7 @@ def test_no_determinant_breaks_a_picture(fill):
         assert draw_map(m, grid, Map("x", "x", "", value), determinant)
 
 
+@pytest.mark.slow
 def test_singular_curve_is_where_the_determinant_changes_sign():
     """The red pixels are an ellipse, twice as wide as high, and so are the points behind them."""
     m = machine()
@@ -183,6 +185,7 @@ def test_legend_explains_what_is_drawn_and_nothing_else():
     assert "home" in [t.get_text() for t in axes.texts]
 
 
+@pytest.mark.slow
 def test_values_are_the_right_way_round():
     """Values grow along the first coordinate, which goes to the right."""
     m = machine()
@@ -278,6 +281,7 @@ def test_curves_without_points(log):
         assert draw_curves("t", "x", "y", series, log, log, [(3.0, "a mark")])
 
 
+@pytest.mark.slow
 def test_curves_are_told_apart_and_marks_are_drawn():
     x = np.arange(1.0, 30.0)
     bare = pixels(draw_curves("t", "x", "y", [("a", x, 1 / x), ("b", x, 2 / x)]))

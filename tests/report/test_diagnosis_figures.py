@@ -378,6 +378,7 @@ def section(record: Record) -> str:
     return re.sub(r"<style>.*?</style>|<[^>]*>", " ", chapter.html.replace("</p>", " "))
 
 
+@pytest.mark.slow
 def test_diagnosis_of_nothing(cases: Callable[[str], Case]) -> None:
     case = cases("none")
     text = section(case.record)

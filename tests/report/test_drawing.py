@@ -47,7 +47,7 @@ def scene_in(page):
 
 
 @pytest.mark.parametrize("name", [*CONFIGS, *KINDS])
-@pytest.mark.slow_cases("cable-8-pulleys")
+@pytest.mark.slow_cases("6-PUS", "6-RUS", "cable-8-pulleys")
 def test_every_machine_is_drawn_with_all_its_limbs(name):
     machine = config(name) if name in CONFIGS else plain(name)
     scene = scene_of(name)
@@ -95,6 +95,7 @@ def marked(text):
     return {m.kind for m in scene.machines[0].frames[0].marks}, findings(scene)
 
 
+@pytest.mark.slow
 def test_what_needs_a_look_is_marked_and_said():
     text = (ROOT / "configs/3-RRR-1.yaml").read_text()
     assert marked(text) == (set(), [])

@@ -140,6 +140,7 @@ def test_a_manifest_names_no_folder_of_its_own(tmp_path: Path) -> None:
     assert "out" in ppmcal("batch", "fleet.yaml", cwd=tmp_path, expect=2).err
 
 
+@pytest.mark.slow
 def test_names_of_targets_and_meshes_become_plain_file_names(tmp_path: Path) -> None:
     config = (SAMPLES / "printer" / "printer.cfg").read_text()
     assert "#*# [bed_mesh " not in config

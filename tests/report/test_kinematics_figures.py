@@ -90,6 +90,7 @@ def test_seconds_may_be_called_t():
     assert found["pose"][0].title == "x over time" and "rates" in found
 
 
+@pytest.mark.slow
 def test_rates_of_a_velocity_table_are_its_own_and_those_of_its_path():
     """Joint rates from the Jacobian against differences of the joints along the path."""
     t = np.linspace(0.0, 1.0, 201)

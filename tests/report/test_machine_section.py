@@ -144,6 +144,7 @@ def test_effects_are_lit_where_they_sit():
     assert [e.limbs for e in told if "geometry" in e.name] == [(2,)]
 
 
+@pytest.mark.slow
 def test_what_to_measure_next_stands_on_the_machine(folder, tmp_path, monkeypatch):
     monkeypatch.chdir(folder)
     shutil.copytree(folder / "fit", tmp_path / "fit")

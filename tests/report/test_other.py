@@ -165,6 +165,7 @@ def test_csv_alone_is_enough(folders: Path, tmp_path: Path) -> None:
     assert found == record(folders / "cmp", "comparison.json")["parameters"]
 
 
+@pytest.mark.slow
 def test_one_file_in_both_is_told(folders: Path, tmp_path: Path) -> None:
     ppmcal("compare", "idA", "idA", "--out", tmp_path / "same", "--quiet", cwd=folders, expect=1)
     _, text = page(tmp_path / "same")
@@ -254,6 +255,7 @@ def test_console_and_report_say_one_sentence(folders: Path, tmp_path: Path) -> N
     assert [t for _, t in rows] == [typeset(combination(c)) for c in fit.redundant]
 
 
+@pytest.mark.slow
 def test_rows_that_do_not_belong(folders: Path) -> None:
     html, text = page(folders / "fit")
     found = record(folders / "fit", "identification.json")
@@ -300,9 +302,9 @@ def test_all_on_one_page(folders: Path) -> None:
     json.dumps(out, allow_nan=False)
 
 
-@pytest.mark.slow_cases("lean/export.json", "fit/identification.json")
 @pytest.mark.parametrize("source", ["fit/identification.json", "cmp/comparison.json",
                                     "lean/export.json"])
+@pytest.mark.slow
 def test_older_files_make_a_page(folders: Path, tmp_path: Path, source: str) -> None:
     """Without what older versions did not write, all at once, and without any one key."""
     found = record(folders, source)

@@ -181,6 +181,7 @@ def test_refusals_say_what_to_write(desk: Path, words: tuple[str, ...], told: st
     assert told in said and hint in said
 
 
+@pytest.mark.slow
 def test_a_batch_has_the_figures_of_all_its_campaigns(desk: Path) -> None:
     """Called by machine, date and command; the same as of each folder alone."""
     (desk / "fleet.yaml").write_text(
@@ -267,6 +268,7 @@ def test_the_reader_of_latex_notices_what_an_engine_would(text: str, fault: str)
     assert any(fault in one for one in faults(text)), faults(text)
 
 
+@pytest.mark.slow
 def test_tables_and_captions_are_latex(desk: Path) -> None:
     """Of every kind of figure, by a reader of its own: where no engine is, none is needed."""
     found = figures(desk, "fit1", "fit2", "compared", "validated", "path", "sent", out="every")

@@ -79,7 +79,7 @@ def fit(run, place, data, rounds=6):
 
 @pytest.mark.parametrize("name", [
     pytest.param(m, marks=pytest.mark.slow) if "hexapod" in m else m for m in MACHINES])
-@pytest.mark.slow_cases("delta-rotary")
+@pytest.mark.slow_cases("3-RRR", "delta-linear", "delta-rotary")
 def test_clean_files_fit_exactly(name):
     machine, _, geo = true_machine(name, 3)
     plan = Plan(instrument="pose")
@@ -187,6 +187,7 @@ def test_a_mirrored_rotation_is_a_mirror_image():
     np.testing.assert_allclose(turn(), flip @ before @ flip, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_shifted_rows_stand_as_far_behind_as_the_mend_says():
     for seed in range(6):
         paper = paper_of("none", "3-RRR")
