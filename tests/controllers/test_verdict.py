@@ -160,3 +160,24 @@ def test_lines_of_gcode_take_the_place_of_the_old_ones(here: Path, form: str, te
     assert [line for line in lines if line in kept] == kept
     assert [line for line in lines if not line.startswith(";") and line not in kept] == new
     assert [f";{line}" in lines for line in old if line not in kept] == [True, True]
+
+
+def test_a_wrong_length_of_rods_is_told_on_import_and_no_plain_yes_on_export(fitted: Path,
+                                                                             tmp_path: Path) -> None:
+    shutil.copy(fitted / "printer.cfg", tmp_path)
+    before = (tmp_path / "printer.cfg").read_bytes()
+    rods = json.loads((fitted / "both" / "identification.json").read_text())
+    length = next(p["nominal"] for p in rods["parameters"] if p["name"] == "rod")
+    run = ppmcal("import", "klipper", "printer.cfg", "--rods", f"{length + 12.0:g}", cwd=tmp_path)
+    assert f"--rods {length + 12.0:g} is " in run.out and "mm that it prints with" in run.out
+    ppmcal("identify", "imported/machine.yaml", "imported/heights.csv", "imported/distances.csv",
+           cwd=tmp_path)
+    shown = ppmcal("export", "klipper", "identified", "--old", "printer.cfg", cwd=tmp_path)
+    words = " ".join(shown.out.split())
+    assert "Paste this: yes" not in words
+    if shown.code != 3:
+        assert words.startswith("Paste this: only after a check;")
+        assert "check them before you use these numbers" in words
+    ppmcal("export", "klipper", "identified", "--old", "printer.cfg", "--write", "--out", "w",
+           cwd=tmp_path, expect=3)
+    assert (tmp_path / "printer.cfg").read_bytes() == before

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ppmcal.calibration.knowledge import FAR
 from ppmcal.controllers.export import KNOWLEDGE, Exported
 from ppmcal.controllers.pose_errors import MM
 from ppmcal.errors import NoResult
@@ -31,6 +32,7 @@ from ppmcal.io.results.parts import ErrorSize
 from ppmcal.model.instruments import find_instrument
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import Note
+from ppmcal.wording import abbreviate_list
 
 
 @dataclass(frozen=True)
@@ -38,12 +40,14 @@ class FitEvidence:
     """What the measurements behind a model say of it.
 
     ``before``, ``unseen``: errors of rows that a fit had not seen, of the machine before it and
-    with it, empty where none were kept out; ``size``: what is not known of the machine's size.
+    with it, empty where none were kept out; ``size``: what is not known of the machine's size;
+    ``far``: parameters that came out farther from nominal than tolerances allow, in words.
     """
 
     before: ErrorSize = field(default_factory=ErrorSize)
     unseen: ErrorSize = field(default_factory=ErrorSize)
     size: str = ""
+    far: str = ""
     there: bool = False
 
 
@@ -63,7 +67,14 @@ def evidence_of(mechanism: Mechanism) -> FitEvidence:
     kind = next((k for k in ("position", "rotation", *known.holdout) if k in known.holdout), "")
     none = ErrorSize()
     return FitEvidence(known.before.get(kind) or none, known.holdout.get(kind) or none,
-                    _size(record), True)
+                    _size(record), _far(record), True)
+
+
+def _far(record: IdentificationRecord) -> str:
+    """Return which parameters came out farther from nominal than tolerances allow."""
+    found = sorted(((abs((p.error or 0.0) / (p.tolerance or 1.0)), p.name)
+                    for p in record.parameters if p.far), reverse=True)
+    return abbreviate_list([f"{name} by {times:.2g} times its tolerance" for times, name in found])
 
 
 def _size(record: IdentificationRecord) -> str:
@@ -120,6 +131,15 @@ def refuse_worse(made: Exported, known: FitEvidence, source: str, regardless: bo
     return [Note(f"{what}; written anyway, because of --regardless") for what, _ in against[:1]]
 
 
+def doubts(known: FitEvidence) -> list[Note]:
+    """Return what to check before the numbers are used."""
+    if not known.far:
+        return []
+    return [Note(f"{FAR}: {known.far}. The nominal values (of a printer the lengths that you gave, "
+                 "such as --rods), the tolerances, the units or the data are wrong there: check "
+                 "them before you use these numbers", topic="tolerances")]
+
+
 def verdict_of(record: ExportRecord, known: FitEvidence, warned: Sequence[str]) -> dict[str, Any]:
     """Return the verdict on what is written, as fields of the record.
 
@@ -135,6 +155,9 @@ def verdict_of(record: ExportRecord, known: FitEvidence, warned: Sequence[str]) 
     if not known.there:
         return {"answer": NOT_JUDGED, "unchecked": unchecked,
                 "why": f"no calibration of this model lies beside it; {why}"}
+    if known.far:
+        return {"answer": "only after a check", "unchecked": unchecked,
+                "why": f"the machine comes out farther from nominal than tolerances allow; {why}"}
     lost = [entry.what for entry in record.not_expressed if _costs(entry)]
     if lost:
         more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""

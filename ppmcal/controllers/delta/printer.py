@@ -135,10 +135,20 @@ def offsets(geometry: DeltaGeometry) -> Triple:
 
 def far_radius(given: float, active: float) -> list[Note]:
     """Return what to say of a radius, mm, that is not the one the printer prints with."""
+    return _far("--radius", given, active, "give the distance from the rods' joints at a tower to "
+                "those at the effector, the effector in the middle, seen from above")
+
+
+def far_rods(given: float | None, active: Triple) -> list[Note]:
+    """Return what to say of rods, mm, that are not those the printer prints with."""
+    return [] if given is None else _far("--rods", given, sum(active) / len(active),
+                                         "give the length from bearing to bearing")
+
+
+def _far(option: str, given: float, active: float, what: str) -> list[Note]:
     return [] if abs(given - active) <= FAR else [Note(
-        f"--radius {given:g} is {abs(given - active):.3g} mm from the {active:g} mm that it prints "
-        "with: give the distance from the rods' joints at a tower to those at the effector, the "
-        "effector in the middle, seen from above")]
+        f"{option} {given:g} is {abs(given - active):.3g} mm from the {active:.6g} mm that it "
+        f"prints with: {what}")]
 
 
 def tolerance(least: float, apart: float) -> float:
@@ -197,7 +207,8 @@ def stated_nominal(source: str, meant: DeltaGeometry, active: DeltaGeometry, whe
     nominal = nominal_of(source, meant, active, {
         "delta_radius": "--radius" if radius else where, "rods": "--rods" if rods else where,
         "endstops": where}, rods)
-    return nominal, [] if radius is None else far_radius(radius, active.radius)
+    return nominal, [*far_rods(rods, active.arms), *(
+        [] if radius is None else far_radius(radius, active.radius))]
 
 
 def in_rows(point: Array, touched: Array) -> tuple[Array, Array]:

@@ -12,7 +12,14 @@ import re
 import numpy as np
 
 from ppmcal.controllers.delta.geometry import ANGLES, TOWERS, DeltaGeometry, Triple
-from ppmcal.controllers.delta.printer import FAR, WIDE_RODS, Nominal, far_radius, nominal_of
+from ppmcal.controllers.delta.printer import (
+    FAR,
+    WIDE_RODS,
+    Nominal,
+    far_radius,
+    far_rods,
+    nominal_of,
+)
 from ppmcal.controllers.klipper.config import LARGEST, Config
 from ppmcal.controllers.klipper.lines import HEADER
 from ppmcal.errors import BadInput
@@ -49,6 +56,7 @@ def read_nominal(config: Config, active: DeltaGeometry, rods: float | None = Non
         if abs(radius - active.radius) > FAR:
             findings.append(_placeholder("delta_radius", radius, active.radius, radius_from))
             radius, radius_from = active.radius, _SAVED
+    findings += far_rods(rods, active.arms)
     arms, arms_from, known = _rods(config, body, active, rods, findings)
     ends, ends_from = _towers(config, body, "position_endstop", active.endstops)
     if max(abs(e - own) for e, own in zip(ends, active.endstops, strict=True)) > FAR:

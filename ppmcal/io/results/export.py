@@ -80,8 +80,9 @@ NOT_JUDGED = "not judged"
 class ExportRecord(Record):
     """export.json; the keys from ``length_unit`` on are those of single formats.
 
-    ``answer``: whether to use what is written: ``yes``, ``only in part``, ``no`` or ``not judged``,
-    and ``why``, in a sentence; ``unchecked``: what no measurement says, each as the end of one.
+    ``answer``: whether to use what is written: ``yes``, ``only in part``, ``only after a
+    check``, ``no`` or ``not judged``, and ``why``, in a sentence; ``unchecked``: what no
+    measurement says, each as the end of one.
     ``before``, ``after``: errors of the machine driven with the old and with the new numbers, if
     the model is exact; ``lost``, ``model``, ``expected_after``: what is left with the new ones,
     rms, of the format, of the model, and of both; ``expected_before``: with the old ones, the
