@@ -71,8 +71,9 @@ def body_poses(points: Array, measured: Array, noise: Array, planar: bool = Fals
     parts = [0, 1, 5] if planar else list(range(6))
     seen = np.asarray(np.isfinite(measured[..., :axes]).all(axis=-1))
     white = _inverse_roots(noise, seen, axes)
-    flat = np.where(np.arange(3) < axes, 1.0, 0.0)
-    points, measured = points * flat, np.where(seen[..., None], measured, 0.0) * flat
+    mine = np.arange(3) < axes
+    points = np.where(mine, points, 0.0)
+    measured = np.where(seen[..., None] & mine, measured, 0.0)
     count = seen.sum(axis=1)
     middle = seen @ points / np.maximum(count, 1)[:, None]
     arms = np.where(seen[..., None], points - middle[:, None], 0.0)

@@ -29,6 +29,8 @@ def stands(rng: np.random.Generator, n: int, targets: int, planar: bool = False
         points = points * [1.0, 1.0, 0.0]
     exact = place[:, None] + points @ np.swapaxes(turn.as_matrix(), 1, 2)
     measured = exact + (root @ rng.normal(size=(n, targets, 3, 1)))[..., 0]
+    if planar:
+        measured[..., 2] = np.nan
     return turn, place, measured, root @ np.swapaxes(root, -1, -2)
 
 
