@@ -18,7 +18,7 @@ from ppmcal.linalg import Array, Ints
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import POSE
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.notes import NOTE, Note
+from ppmcal.notes import FINDING, NOTE, Note
 from ppmcal.units import Units
 from ppmcal.wording import chance, pluralize, row_list
 
@@ -183,7 +183,7 @@ def _sidecar(target: SeenTarget, found: BodyPoses, machine: Mechanism) -> dict[s
 def _without(found: BodyPoses) -> list[Note]:
     """Return which rows have no pose, and why; that a target is hidden is not amiss."""
     return [Note(f"no pose in {row_list([i for i, r in enumerate(found.reason) if r == why])}: "
-                 f"{why}; left empty.", *([NOTE] if why == TOO_FEW else []))
+                 f"{why}; left empty.", NOTE if why == TOO_FEW else FINDING)
             for why in dict.fromkeys(found.reason) if why]
 
 
