@@ -183,6 +183,7 @@ def read(
     interpolate: bool = ...,
     clock_offset: float | str | None = ...,
     names: str | None = ...,
+    combined: bool = ...,
     units: str | None = ...,
     name: str = ...,
     progress: Progress = ...,

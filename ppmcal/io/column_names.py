@@ -8,7 +8,7 @@ from difflib import get_close_matches
 
 from ppmcal.errors import BadInput
 from ppmcal.io.csv_dialect import is_float
-from ppmcal.io.pose_fields import COORDINATES, QUATERNION
+from ppmcal.io.pose_fields import COORDINATES, CORRELATIONS, QUATERNION
 from ppmcal.io.schema import did_you_mean
 from ppmcal.model.dataset import WRENCH
 from ppmcal.model.instruments import InstrumentKind, number_names
@@ -20,7 +20,8 @@ MISSPELT = 0.8
 """A name so like one of ours (difflib's ratio) is taken for a mistake in writing it."""
 LABELS = ("pose", "session", "time")
 """Columns that may hold words: names, and times of a clock."""
-OURS = ("q_", "to_q_", "dir_", "vel_", "cmd_", "sigma_", "u95_", "temperature_", "leg_length_")
+OURS = ("q_", "to_q_", "dir_", "vel_", "cmd_", "sigma_", "u95_", "rho_", "temperature_",
+        "leg_length_")
 """What columns of ours begin with: a name that does is meant to be one."""
 _HEXAPOD = {"x1": "x", "y1": "y", "z1": "z", "phix1": "rx", "phiy1": "ry", "phiz1": "rz"}
 _CAPTURE = {**{f"position_{a}": a for a in "xyz"},
@@ -71,7 +72,7 @@ def known_columns(mechanism: Mechanism, kind: InstrumentKind | None = None) -> l
            *(f"vel_{a}" for a in actuators), *tension_columns(mechanism),
            *(f"cmd_{c}" for c in (*COORDINATES, *QUATERNION)),
            *(f"sigma_{c}" for c in (*COORDINATES, "position", "rotation", *number_names(), *own)),
-           *(f"u95_{c}" for c in (*COORDINATES, "position", "rotation"))]
+           *(f"u95_{c}" for c in (*COORDINATES, "position", "rotation")), *CORRELATIONS]
     return list(dict.fromkeys(out))
 
 

@@ -10,7 +10,15 @@ import numpy as np
 from ppmcal.errors import BadInput
 from ppmcal.io.column_names import ENVIRONMENT, tension_columns
 from ppmcal.io.csv import Table, refuse_absurd
-from ppmcal.io.pose_fields import COORDINATES, NORM_TOLERANCE, QUATERNION, factors, rotation_vectors
+from ppmcal.io.noise_limits import correlated_noise
+from ppmcal.io.pose_fields import (
+    COORDINATES,
+    CORRELATIONS,
+    NORM_TOLERANCE,
+    QUATERNION,
+    factors,
+    rotation_vectors,
+)
 from ppmcal.io.sidecar import SidecarFile, sigma_needs, station_of
 from ppmcal.io.sidecar_values import actuator_noise
 from ppmcal.linalg import Array
@@ -173,7 +181,8 @@ def further_columns(table: Table, mechanism: Mechanism, joint: Array) -> dict[st
 class Measured:
     """SI; position and rotation (N, 3), value (N,), and their standard deviations.
 
-    ``covariance`` (N, 3, 3) of positions whose coordinates are off together.
+    ``covariance`` of positions (N, 3, 3), or of whole poses (N, 6, 6), whose coordinates are off
+    together.
     """
 
     position: Array
@@ -214,6 +223,12 @@ def measured(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -
     seen = _measured(len(table), findings, position=position, rotation=rotation,
                      sigma_position=own, sigma_rotation=_sigmas(
                          table, "rotation", sigma.rotation, units.factor("angle")))
+    told = [name for name in CORRELATIONS if name in table.numbers]
+    if told:
+        _refuse_correlations(file, side, told[0])
+        both = np.concatenate([own, seen.sigma_rotation], axis=1)
+        return replace(seen, covariance=correlated_noise(
+            table, told, both if kind.sees_rotation else own))
     if sigma.range is None:
         return seen
     station = station_of(file.instrument, mechanism.motion, units, side)
@@ -225,6 +240,16 @@ def measured(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -
     alone = np.isfinite(own)[:, :, None] | np.isfinite(own)[:, None, :]
     found = np.where(alone, total[:, :, None] ** 2 * np.eye(3), found)
     return replace(seen, sigma_position=total, covariance=found)
+
+
+def _refuse_correlations(file: SidecarFile, side: str, column: str) -> None:
+    """Refuse correlations beside noise that is not of x ... rz as they stand in the columns."""
+    for place, other in (("instrument.sigma.range", file.instrument.sigma.range is not None),
+                         ("read", bool(file.read.mirror) or file.read.pose == "inverse")):
+        if other:
+            raise BadInput("the noise is not that of x ... rz as they were measured, whose "
+                           "correlations stand in columns", f"{side}: {place}",
+                           f"Take it out, or the column {column}")
 
 
 def _nothing(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -> Measured:

@@ -3,14 +3,19 @@
 A double holds sixteen digits. Noise below :data:`SMALLEST` of the machine's size is lost in the
 round-off of the joint values themselves, so that weights by it are weights by round-off; noise
 beyond :data:`LARGEST` of it says nothing at all. Both come of a wrong unit or of a placeholder.
+Here too: correlations, which must be those of some noise.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.linalg import Array
+from ppmcal.io.csv import Table
+from ppmcal.io.pose_fields import CORRELATIONS
+from ppmcal.linalg import Array, eigvalsh
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
@@ -87,3 +92,27 @@ def refuse_sigma(sigma: Array, quantity: str, mechanism: Mechanism, units: Units
         raise BadInput(f"a standard deviation of {most / factor:.3g} {name} is implausible: it "
                        f"tells nothing about {of}", place, "Check its unit; at most "
                        f"{largest * size / factor:.3g} {name}" + f", or {more}" * bool(more))
+
+
+def correlated_noise(table: Table, told: Sequence[str], sigma: Array) -> Array:
+    """Return covariances (N, c, c) by standard deviations and the correlations in a table.
+
+    Args:
+        table: of N rows.
+        told: its columns of correlations, such as ``rho_x_y``; empty cells are 0.
+        sigma: of the first c of x ... rz (N, c), SI; nan where not measured.
+
+    Raises:
+        BadInput: rows with correlations that no noise has.
+    """
+    size = sigma.shape[1]
+    out = np.tile(np.eye(size), (len(table), 1, 1))
+    for name in told:
+        i, j = CORRELATIONS[name]
+        if j < size:
+            out[:, i, j] = out[:, j, i] = np.nan_to_num(table.numbers[name])
+    table.refuse_rows(eigvalsh(out)[:, 0] <= 0.0, told[0], "no noise has the row's correlations",
+                      "Check the columns rho_...: each between -1 and 1, and of one noise",
+                      listed=True)
+    known = np.nan_to_num(sigma, nan=1.0)
+    return np.asarray(known[:, :, None] * out * known[:, None, :])

@@ -27,6 +27,9 @@ COORDINATES = ("x", "y", "z", "rx", "ry", "rz")
 QUATERNION = ("quat_x", "quat_y", "quat_z", "quat_w")
 EULER = ("euler_1", "euler_2", "euler_3")
 VECTOR = COORDINATES[3:]
+CORRELATIONS = {f"rho_{a}_{b}": (i, j) for i, a in enumerate(COORDINATES)
+                for j, b in enumerate(COORDINATES) if i < j}
+"""Columns of a row's correlations of the noise of two coordinates, and which these are."""
 NORM_TOLERANCE = 1e-3
 
 

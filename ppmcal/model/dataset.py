@@ -61,7 +61,7 @@ class Dataset:
         sigma_position, sigma_rotation: standard deviations (N, 3).
         sigma_value: of ``value`` (N,).
         covariance: of the position (N, 3, 3), m^2, where its coordinates are off together, as a
-            tracker's are; None: they are not.
+            tracker's are; or of position and turn (N, 6, 6), m and rad; None: they are not.
         sigma_actuator: noise of the joints, by actuator (k,), 0 where none; unit of q.
         groups: integer label per commanded pose (repeats share it), (N,).
         labels: the same as the file itself says, whatever the joints are (N,); None: as groups.

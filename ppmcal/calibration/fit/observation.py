@@ -284,11 +284,14 @@ def noise(data: Dataset, motion: Motion) -> Array:
                       data.sigma_position, data.sigma_rotation)
 
 
-def position_noise(data: Dataset, motion: Motion) -> Array | None:
-    """Return the covariance of the measured x, y, z (n, p, p), None where each is off by itself."""
+def joint_covariance(data: Dataset, motion: Motion) -> Array | None:
+    """Return the covariance of the measured x, y, z, or of all coordinates (n, p, p).
+
+    None where each is off by itself.
+    """
     if data.covariance is None:
         return None
-    axes = [c for c in coordinates(data, motion) if c < 3]
+    axes = [c for c in coordinates(data, motion) if c < data.covariance.shape[-1]]
     return data.covariance[:, axes][:, :, axes]
 
 

@@ -16,8 +16,8 @@ from ppmcal.calibration.fit.instrument_tables import Sighting
 from ppmcal.calibration.fit.latent_poses import most_likely
 from ppmcal.calibration.fit.observation import (
     ResidualJacobian,
+    joint_covariance,
     noise,
-    position_noise,
     view,
 )
 from ppmcal.calibration.fit.response import Response, with_surplus
@@ -168,7 +168,7 @@ class RowMaker:
         ) if noisy or self.columns is not None else ()
         return RawRows(
             seen, np.where(seen.observed[..., None], self._jacobian(seen, responses), 0.0), sigma,
-            position_noise(part.data, motion), self._carried(responses) if noisy else None,
+            joint_covariance(part.data, motion), self._carried(responses) if noisy else None,
             part.data.weight, responses, len(ends) * surplus)
 
     def _look(self, part: Sighting, closed: Sequence[Array]) -> ResidualJacobian:

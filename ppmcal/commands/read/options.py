@@ -48,6 +48,9 @@ class ReadArguments(Arguments):
     names: str | None = option(
         None, "How points are called where several targets are on the platform, such as "
         "{pose}_{target}: one CSV for each target.", metavar="PATTERN")
+    combined: bool = option(
+        False, "Of several targets on the platform whose points are known: one CSV of poses, with "
+        "each row's covariance, where three are seen (in the plane two).")
     units: str | None = option(
         None, "Length unit of points whose header names none", otherwise="the sidecar's",
         choices=("m", "cm", "mm", "um", "in"))

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ppmcal.commands.inputs import load
+from ppmcal.commands.read.combined import SeenTarget, combined
 from ppmcal.commands.read.join import Joined, JoinOptions, joined, sort_out
 from ppmcal.commands.read.options import ReadArguments
 from ppmcal.commands.read.targets import each_target
@@ -19,6 +20,7 @@ from ppmcal.commands.read.words import understood
 from ppmcal.commands.result import Result
 from ppmcal.commands.spec import Path_
 from ppmcal.errors import BadInput, unknown
+from ppmcal.io.body_targets import stands
 from ppmcal.io.column_names import LABELS
 from ppmcal.io.csv import Table, csv_table
 from ppmcal.io.csv_writer import csv_lines
@@ -31,6 +33,7 @@ from ppmcal.io.reading import declared_unit, in_conventions, in_units
 from ppmcal.io.schema import check
 from ppmcal.io.sidecar import FORMAT, SidecarFile, located, sidecar_path
 from ppmcal.io.yaml import dump_yaml, read_yaml
+from ppmcal.linalg import Ints
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import InstrumentKind
 from ppmcal.model.mechanism import Mechanism
@@ -47,12 +50,17 @@ TURNED = (*(f"r{a}" for a in "xyz"), *QUATERNION, *MATRIX)
 
 @dataclass(frozen=True, eq=False)
 class ReadRun:
-    """One measurement file: its name without end, table in the sidecar's units, sidecar, data."""
+    """One measurement file: its name without end, table in the sidecar's units, sidecar, data.
+
+    ``target``: that it is of, empty where there is one; ``stands``: of the machine, by row (N,).
+    """
 
     name: str
     table: Table
     sidecar: Mapping[str, Any]
     data: Dataset
+    target: str = ""
+    stands: Ints | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,11 +152,14 @@ def run(asked: ReadArguments) -> ReadResult:
         if target:
             runs.append(_of_target(target, table, kept, asked.name, runs, place, machine))
         else:
-            runs += _by_target(table, kept, block, asked.name, place, machine)
+            runs += _by_target(table, kept, block, asked, place, machine)
     _refuse_one_name(runs, place)
+    if asked.combined:
+        runs, more, said = _combined(runs, asked.name, place, machine)
+        notes, sentences = notes + more, sentences + said
     whole = [q for p in paths for q in (sorted(p.iterdir()) if p.is_dir() else [p]) if q.is_file()]
     inputs: list[Path_] = [*whole, *([side] if side else []), *machine.inputs]
-    notes += [n for run in runs for n in run.data.findings]
+    notes += [n for run in runs for n in run.data.findings if not asked.combined]
     result = ReadResult(source_of("read", inputs, None), tuple(notes), tuple(runs),
                         tuple(sentences))
     if asked.out is not None:
@@ -197,6 +208,18 @@ def _understood(asked: ReadArguments, paths: Sequence[Path], machine: Mechanism,
     return table, kept, notes, sentences
 
 
+def _combined(runs: Sequence[ReadRun], name: str, place: str, machine: Mechanism
+              ) -> tuple[list[ReadRun], list[str], list[str]]:
+    """Return the one file of poses that several targets show, findings, and what was done."""
+    parts = [SeenTarget(r.target, r.table, r.data, r.sidecar, np.arange(len(r.table))
+                        if r.stands is None else r.stands) for r in runs]
+    made = combined(parts, machine, place)
+    found = [n for r in runs for n in r.data.findings]
+    return ([ReadRun(name, made.table, made.sidecar,
+                     _checked(made.table, made.sidecar, place, machine))],
+            [*dict.fromkeys(found), *made.findings], [made.sentence])
+
+
 def _refuse_to_replace(out: Path, inputs: Sequence[Path], force: bool) -> None:
     """Refuse to replace an input, or what is there."""
     if out.suffix != ".csv":
@@ -229,11 +252,11 @@ def _declared(together: Joined, files: Sequence[ForeignTable], block: ReadFile,
                           units, place)
 
 
-def _by_target(table: Table, kept: dict[str, Any], block: ReadFile, name: str, place: str,
-               machine: Mechanism) -> tuple[ReadRun, ...]:
+def _by_target(table: Table, kept: dict[str, Any], block: ReadFile, asked: ReadArguments,
+               place: str, machine: Mechanism) -> tuple[ReadRun, ...]:
     """Return one measurement file, or one for each target, all seen from one frame."""
     if "target" not in table.header:
-        return (ReadRun(name, table, kept, _checked(table, kept, place, machine)),)
+        return (ReadRun(asked.name, table, kept, _checked(table, kept, place, machine)),)
     if kept.get("target") not in (None, "unknown"):
         raise BadInput("there are several targets, and one `target`", f"{place}: target",
                        "Write `target: unknown`, and the points under `read.targets`")
@@ -242,10 +265,15 @@ def _by_target(table: Table, kept: dict[str, Any], block: ReadFile, name: str, p
         if target not in targets:
             raise unknown("target", target, targets, f"{place}: read.targets")
     bare = table.without(("target",))
+    stand = None
+    if asked.combined:
+        data = _checked(bare, {**kept, "target": "unknown"}, place, machine)
+        stand = stands((data.whole or data).groups, table.text["target"])
     for target in targets:
         rows = np.flatnonzero(np.array(table.text["target"]) == target)
         side = {**kept, "target": block.targets.get(target, "unknown")}
-        runs.append(_of_target(target, rows_of(bare, rows), side, name, runs, place, machine))
+        run = _of_target(target, rows_of(bare, rows), side, asked.name, runs, place, machine)
+        runs.append(replace(run, stands=None if stand is None else stand[rows]))
     return tuple(runs)
 
 
@@ -256,7 +284,7 @@ def _of_target(target: str, table: Table, kept: Mapping[str, Any], name: str,
     if before and kept.get("frame") == "unknown":
         side["frame"] = {"same_as": before[0].sidecar["name"]}
     return ReadRun(f"{name}-{re.sub(r'[^A-Za-z0-9_.-]+', '-', target)}", table, side,
-                   _checked(table, side, place, machine))
+                   _checked(table, side, place, machine, target), target)
 
 
 def _refuse_one_name(runs: Sequence[ReadRun], place: str) -> None:
@@ -312,8 +340,12 @@ def _rounded(value: float, units: Units, quantity: str) -> float:
     return float(f"{value / units.factor(quantity):.2g}")
 
 
-def _checked(table: Table, content: Mapping[str, Any], place: str, mechanism: Mechanism) -> Dataset:
-    """Return the data set of what will be written, read back by the program's own reader."""
+def _checked(table: Table, content: Mapping[str, Any], place: str, mechanism: Mechanism,
+             mark: str = "") -> Dataset:
+    """Return the data set of what will be written, read back by the program's own reader.
+
+    ``mark``: the target that it is of, where there are several.
+    """
     file = check(SidecarFile, dict(content), place)
     again = csv_table(str(table_text(table)).encode(), table.source, LABELS.__contains__)
-    return dataset_of(again, file, place, mechanism)
+    return dataset_of(again, file, place, mechanism, mark)
