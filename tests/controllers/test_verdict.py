@@ -162,8 +162,8 @@ def test_lines_of_gcode_take_the_place_of_the_old_ones(here: Path, form: str, te
     assert [f";{line}" in lines for line in old if line not in kept] == [True, True]
 
 
-def test_a_wrong_length_of_rods_is_told_on_import_and_no_plain_yes_on_export(fitted: Path,
-                                                                             tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_a_wrong_length_of_rods_is_told_and_no_plain_yes(fitted: Path, tmp_path: Path) -> None:
     shutil.copy(fitted / "printer.cfg", tmp_path)
     before = (tmp_path / "printer.cfg").read_bytes()
     rods = json.loads((fitted / "both" / "identification.json").read_text())

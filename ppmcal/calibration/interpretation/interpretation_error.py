@@ -143,9 +143,11 @@ def hint_of(found: Sequence[Interpretation]) -> str:
                 "the column; or the limits, if they are wrong")
     mirrored = any(x.kind == "mirrored" for x in every)
     named = len({m.source for m in found}) > 1    # which file is meant must be said then
+    # several of one file are what each of its targets would take: one of them is to be written
+    between = "; into the " if named or len(blocks) == 1 else ", or instead into the "
     place = {b: f"sidecar{'s' * (len(own) > 1)} of {' and '.join(own)}" if named else "sidecar"
              for b, own in blocks.items()}
-    return "Write into the " + "; into the ".join(
+    return "Write into the " + between.join(
         f"{place[b]}: `read: {b[0]}`" + (
             " and, as sigma is in the unit of the columns too, "
             f"`instrument: {{sigma: {{{b[1]}}}}}`" * bool(b[1]))
