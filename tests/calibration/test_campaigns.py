@@ -179,6 +179,6 @@ def test_a_leg_homed_anew_is_one_event_for_all_targets() -> None:
     assert isinstance(record, DiagnosisRecord)
     (event,) = record.effects
     assert (event.kind, tuple(event.on)) == ("zero_shift", ("leg1",))
-    assert event.row is not None and event.row.value == REHOMED
+    assert event.row is not None and event.row.row == REHOMED
     assert event.parameters["shift"].value == pytest.approx(1e3 * SHIFT, abs=0.03)
     assert record.gap.poses <= round(0.27 * ROWS)

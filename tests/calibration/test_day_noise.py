@@ -104,7 +104,7 @@ def test_what_data_demand_rests_on_the_noise_of_the_day(stage, day):
     assert blind.demanded == ()
     result = ppmcal.validate(stage, [shifted])
     assert result.validated[0].demanded == ("homing",)
-    assert result.record.datasets[0].noise.source == RESIDUALS
+    assert result.record.datasets[0].judged_by == RESIDUALS
     assert result.validated[0].errors[0].noise < 1.0
     days, _ = with_day_noise([stage], [shifted], [])
     assert not days[0].estimated
