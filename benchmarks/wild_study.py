@@ -100,7 +100,7 @@ def ask_diagnosis(folder: Path) -> Answer:
         return Answer(error.found, refused="" if error.found else str(error))
     except PpmcalError as error:
         return Answer(refused=str(error))
-    return Answer(noise=result.record.fit.after or 0.0, moved=0.0)
+    return Answer(noise=result.record.ratio_after or 0.0, moved=0.0)
 
 
 def ask(folder: Path) -> Answer:
