@@ -13,7 +13,14 @@ from functools import cached_property
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.calibration.fit import Companion, Problem, Response, State, column_scale
+from ppmcal.calibration.fit import (
+    Companion,
+    Problem,
+    Response,
+    State,
+    column_scale,
+    whitened,
+)
 from ppmcal.inference.correlation import RowNoise
 from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.effects import Setting, Shift
@@ -66,11 +73,8 @@ class SystemPart:
 
         Given those of other targets at the same stands, which are moved alike.
         """
-        own = np.where(self.response.seen.observed, raw(self.response), 0.0)
-        out = np.asarray((self.whitener @ own[..., None])[..., 0])
-        for companion in self.companions:
-            out = out + companion.share(raw(companion.response))
-        return out
+        return whitened(self.whitener, self.response.seen.observed, raw(self.response),
+                        ((c, raw(c.response)) for c in self.companions))
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,6 @@ import csv
 import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from decimal import Decimal
 from itertools import islice
 
 import numpy as np
@@ -20,6 +19,7 @@ from ppmcal.io.csv_dialect import Dialect
 from ppmcal.io.header import Columns, HeaderColumn, ReadFile
 from ppmcal.io.pose_fields import COORDINATES
 from ppmcal.io.reading import declared_unit, in_units
+from ppmcal.io.yaml import decimals
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.recorded import LABEL, RecordedColumn, RecordedForm
@@ -86,13 +86,7 @@ def decimals_of(values: Array) -> int:
     3
     """
     found = islice((v for v in values.tolist() if math.isfinite(v)), LOOKED_AT)
-    return max((max(0, -_exponent(v)) for v in found), default=0)
-
-
-def _exponent(value: float) -> int:
-    exponent = Decimal(repr(value)).normalize().as_tuple().exponent
-    assert isinstance(exponent, int)
-    return exponent
+    return max(map(decimals, found), default=0)
 
 
 def with_decimals(form: RecordedForm, steps: Mapping[str, float]) -> RecordedForm:

@@ -117,9 +117,8 @@ def _of_fields(record: IdentificationRecord) -> list[str]:
         out.append(verdict)
     if record.converged is False:
         out.append("the fit had not converged")
-    far = [p.name for p in record.parameters if p.far]
-    if far:
-        out.append(f"{FAR}: {abbreviate_list(far, 'parameters.csv')}")
+    if record.far:
+        out.append(f"{FAR}: {abbreviate_list([p.name for p in record.far], 'parameters.csv')}")
     return out
 
 

@@ -138,6 +138,7 @@ if TYPE_CHECKING:
     )
     from ppmcal.calibration.fit.white_rows import Companion as Companion
     from ppmcal.calibration.fit.white_rows import Rows as Rows
+    from ppmcal.calibration.fit.white_rows import whitened as whitened
     from ppmcal.calibration.fit.work import bounded as bounded
 
 if not TYPE_CHECKING:   # who checks types sees which names there are

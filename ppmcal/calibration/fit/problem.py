@@ -295,11 +295,11 @@ class Problem:
 
         Rows whose pose is unknown (nan), and those not in ``keep``, are left out.
         """
-        whole = self.used(state, keep)
-        for i, own in enumerate(whole):
-            yield from self.rows_of(i, state, jacobian, own, whole)
+        given = self.shared_stands(state, keep)
+        for i in range(len(self.datasets)):
+            yield from self.rows_of(i, state, jacobian, None if keep is None else keep[i], given)
 
-    def shared_stands(self, state: State, keep: Sequence[Bools]) -> list[Bools] | None:
+    def shared_stands(self, state: State, keep: Sequence[Bools] | None) -> list[Bools] | None:
         """Return the rows used where targets share stands, and their noise; None where none do."""
         return self.used(state, keep) if any(self.companions) else None
 
@@ -361,10 +361,12 @@ class Problem:
     def _chunk(self, i: int, index: Ints, state: State, jacobian: bool,
                given: Sequence[Bools] | None) -> Rows:
         own = self._raw(i, index, state, jacobian)
+        if given is None:
+            return white_rows(i, index, own, ())
         others: list[tuple[int, Ints, RawRows]] = []
-        for j, rows in self.companions[i] if given is not None else ():
+        for j, rows in self.companions[i]:
             at = rows[index]
-            there = (at >= 0) & given[j][at] if given is not None else at >= 0
+            there = (at >= 0) & given[j][at]
             if there.any():
                 at = np.where(there, at, at[there][0])
                 others.append((j, at, self._raw(j, at, state, jacobian).only(there)))

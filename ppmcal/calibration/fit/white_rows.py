@@ -6,7 +6,7 @@ one after the other: those of a target given those of the targets before it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,6 +47,15 @@ class Companion:
         return np.asarray(self.mix @ self.jacobian)
 
 
+def whitened(whitener: Array, observed: Bools, raw: Array,
+             others: Iterable[tuple[Companion, Array]]) -> Array:
+    """Return values (n, m), m and rad, made white (n, m), with those of companions (n, m')."""
+    out = np.asarray((whitener @ np.where(observed, raw, 0.0)[..., None])[..., 0])
+    for companion, values in others:
+        out = out + companion.share(values)
+    return out
+
+
 @dataclass(frozen=True)
 class Rows:
     """One chunk of whitened rows.
@@ -78,10 +87,8 @@ class Rows:
 
         ``others`` None: theirs are 0.
         """
-        out = np.asarray((self.whitener @ np.where(self.observed, raw, 0.0)[..., None])[..., 0])
-        for companion, values in zip(self.companions, others or (), strict=False):
-            out = out + companion.share(values)
-        return out
+        return whitened(self.whitener, self.observed, raw, zip(
+            self.companions, others or (), strict=False))
 
     @property
     def measured(self) -> Array:

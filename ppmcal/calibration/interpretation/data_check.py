@@ -171,8 +171,8 @@ def _slack_at_home(mechanism: Mechanism, q_home: Array) -> Iterator[Note]:
     """Yield that ropes cannot hold the platform at home, neither by themselves nor its weight."""
     if not mechanism.surplus or not all(limb.kind.pulls_only for limb in mechanism.limbs):
         return
-    q, motor = q_home[None], mechanism.home[None]
-    if any(tight_ropes(Model(mechanism), q, motor, weight)[0] for weight in (False, True)):
+    model, q, motor = Model(mechanism), q_home[None], mechanism.home[None]
+    if any(tight_ropes(model, q, motor, weight)[0] for weight in (False, True)):
         return
     anchors = joint_points(mechanism)[0]
     rank = range_basis(anchors - anchors.mean(axis=0), least=1e-6 * mechanism.reach).shape[1]

@@ -172,8 +172,7 @@ def _white(at: _Tight, limb: int, keep: Sequence[Bools], scale: Array
         jacobian = rows.jacobian * scale
         reading = np.zeros(rows.residual.shape)
         if rows.response is not None and rows.second is None:
-            seen = np.where(rows.observed, rows.response.by_slot(limb, "offset"), 0.0)
-            reading = (rows.whitener @ seen[..., None])[..., 0]
+            reading = rows.whitened(rows.response.by_slot(limb, "offset"))
         longer = at.longer[rows.dataset][rows.index, None]
         parts.append((rows.residual + jacobian @ back - reading * longer, jacobian,
                       reading[..., None], np.full(len(reading), rows.dataset), rows.index))

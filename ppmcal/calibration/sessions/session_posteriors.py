@@ -232,9 +232,7 @@ def _blocks(fit: Fit, problem: Problem, columns: _Columns, keep: Sequence[Bools]
 
 
 def _white(rows: Rows, column: Array) -> Array:
-    column = np.pad(column, ((0, 0), (0, rows.surplus)))
-    seen = np.where(rows.observed, column, 0.0)
-    return np.asarray((rows.whitener @ seen[..., None])[..., 0])
+    return rows.whitened(np.pad(column, ((0, 0), (0, rows.surplus))))
 
 
 def _shapes(rows: Rows, reach: float) -> list[Array]:

@@ -365,8 +365,8 @@ def _frame(mechanism: Mechanism, frame: str | None) -> tuple[Registration, str]:
     if frame is None:
         if len(names) == 1:
             return true_lengths(mechanism.registrations[names[0]]), names[0]
-        what = f"the model knows {len(names)} data sets, each with its frame and target" if names else (
-            "the model knows no measuring frame: it was not identified")
+        what = (f"the model knows {len(names)} data sets, each with its frame and target" if names
+                else "the model knows no measuring frame: it was not identified")
         raise BadInput(what, f"{mechanism.source}: measurement.datasets",
                        f"Choose with --frame: {', '.join([*names, 'base'])}")
     if frame not in names:

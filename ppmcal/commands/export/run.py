@@ -22,7 +22,7 @@ from ppmcal.controllers.export import (
     pose_uncertainty,
     record_of,
 )
-from ppmcal.errors import BadInput, NoResult
+from ppmcal.errors import BadInput
 from ppmcal.io.csv_writer import csv_text
 from ppmcal.io.results.export import ExportRecord, error_size, fixed
 from ppmcal.model.mechanism import Mechanism
@@ -172,10 +172,7 @@ def run(asked: ExportArguments) -> ExportResult:
     made = replace(made, uncertainty=replace(sure, reason=notes[0]) if notes else sure)
     known = evidence_of(machine)
     warned += refuse_worse(made, known, machine.source, asked.regardless)
-    notes += doubts(known)
-    if asked.write and known.far and not asked.regardless:
-        raise NoResult(f"{notes[-1]}", machine.source,
-                       "Without --write the lines are shown; --regardless writes them all the same")
+    notes += doubts(known, machine.source, asked.write and not asked.regardless)
     beside = source_file.with_name(KNOWLEDGE) if known.there or made.uncertainty.frame else None
     source = source_of("export", [*machine.inputs, *files_of(old, poses, beside)], None)
     record = record_of(made, machine.name, source)

@@ -73,7 +73,7 @@ def evidence_of(mechanism: Mechanism) -> FitEvidence:
 def _far(record: IdentificationRecord) -> str:
     """Return which parameters came out farther from nominal than tolerances allow."""
     found = sorted(((abs((p.error or 0.0) / (p.tolerance or 1.0)), p.name)
-                    for p in record.parameters if p.far), reverse=True)
+                    for p in record.far), reverse=True)
     return abbreviate_list([f"{name} by {times:.2g} times its tolerance" for times, name in found])
 
 
@@ -131,13 +131,21 @@ def refuse_worse(made: Exported, known: FitEvidence, source: str, regardless: bo
     return [Note(f"{what}; written anyway, because of --regardless") for what, _ in against[:1]]
 
 
-def doubts(known: FitEvidence) -> list[Note]:
-    """Return what to check before the numbers are used."""
+def doubts(known: FitEvidence, source: str, overwrites: bool) -> list[Note]:
+    """Return what to check before the numbers are used.
+
+    Raises:
+        NoResult: there is something, and the export ``overwrites`` the controller's own file.
+    """
     if not known.far:
         return []
-    return [Note(f"{FAR}: {known.far}. The nominal values (of a printer the lengths that you gave, "
+    found = Note(f"{FAR}: {known.far}. The nominal values (of a printer the lengths that you gave, "
                  "such as --rods), the tolerances, the units or the data are wrong there: check "
-                 "them before you use these numbers", topic="tolerances")]
+                 "them before you use these numbers", topic="tolerances")
+    if overwrites:
+        raise NoResult(found, source, "Without --write the lines are shown; --regardless writes "
+                       "them all the same")
+    return [found]
 
 
 def verdict_of(record: ExportRecord, known: FitEvidence, warned: Sequence[str]) -> dict[str, Any]:

@@ -160,6 +160,11 @@ class IdentificationRecord(Record):
             known_rows=tuple(RowsOfTable.of_rows(k, mechanism) for k in rows_behind(result)),
             covariance=CovarianceEntry.of(result))
 
+    @property
+    def far(self) -> tuple[ParameterEstimate, ...]:
+        """The parameters that are farther from nominal than tolerances allow."""
+        return tuple(p for p in self.parameters if p.far)
+
     def all_findings(self) -> list[str]:
         """Return the findings, and which drives lost their zero."""
         return [*self.findings, *(Note(t) for s in self.homing_shifts if (t := shift_sentence(s)))]
