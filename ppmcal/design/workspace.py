@@ -48,7 +48,7 @@ CLOSER = {2: 33, 3: 13}
 """Levels per coordinate of the small grid in which the singular pose next to home is sharpened."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Nearest:
     """The singular pose nearest to home on the grid.
 
