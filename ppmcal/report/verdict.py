@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from ppmcal.calibration.fit import LARGER
+from ppmcal.calibration.knowledge import FAR
 from ppmcal.io.results.commands import CommandsRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import (
@@ -216,6 +217,9 @@ def _calibrated(one: Identified, d: DiagnosisRecord | None, text: str) -> Line:
                     "remains of what geometry does not explain.", "warn")
     if noisy or (d is not None and d.verdict not in SETTLED):
         return Line("Calibrated?", "Not fully", f"{text}; unmodelled residuals remain.", "warn")
+    if r.far:
+        return Line("Calibrated?", "After a check", f"{text}; {FAR}: "
+                    f"{abbreviate_list([p.name for p in r.far])}.", "warn")
     return Line("Calibrated?", "Yes", f"{text}.", "ok")
 
 
@@ -273,6 +277,10 @@ def _next(one: Identified, d: DiagnosisRecord | None, state: State, use: Callabl
         told = use(one.folder) or f"ppmcal compensate {one.folder} TARGETS.csv corrects commands"
         return Line("Next?", "Use it", f"{told}; ppmcal validate tells on another day whether it "
                     "still holds.", "ok")
+    if one.record.far and one.record.noise.state != LARGER:
+        return Line("Next?", "Check", "The nominal values, the tolerances, the units or the data "
+                    "are wrong there; which, only the machine can tell. Commands and controller "
+                    "numbers of this model are for after that check.", "warn")
     if d is None:
         return Line("Next?", "Diagnose", "ppmcal diagnose MODEL DATA finds which effect is "
                     "missing.", "warn")

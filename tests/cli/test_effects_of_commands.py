@@ -422,3 +422,17 @@ def test_a_name_that_is_taken(tmp_path: Path) -> None:
                           timeout=60, check=False)
     assert done.returncode == 1
     assert "'lag' is registered twice" in done.stderr
+
+
+@pytest.mark.parametrize(("effects", "told"), [
+    ([effect("zero_shift", ["leg2"], shift=0.3, from_row=21)],
+     "from row 21 of the measurements on, with zero_shift.leg2.shift = 0.3 mm. If"),
+    ([effect("backlash", ["leg2"], width=0.03)], "")])
+def test_commands_say_which_event_they_are_after(tmp_path: Path, effects: Any, told: str) -> None:
+    """Nobody can see in data whether a leg was homed back since: whoever sends commands must."""
+    model = machine(tmp_path, "3-RPR", effects)
+    write_csv(tmp_path / "t.csv", [{"x": 480.0, "y": 300.0, "rz": 35.0}])
+    done = ppmcal("compensate", model, "t.csv", "--frame", "base", cwd=tmp_path)
+    said = " ".join((done.out + done.err).split())
+    assert told in said
+    assert ("take the effect out of the mechanism file" in said) == bool(told)

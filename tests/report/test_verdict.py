@@ -27,8 +27,12 @@ from ppmcal.report.verdict import MOST, verdicts
 from ppmcal.store.provenance import Provenance
 
 
+FAR_OUT = identification()["parameters"]
+NEAR = [{**p, "far": False} for p in FAR_OUT]
+
+
 def one(folder="fit", name="bench", **change):
-    record = IdentificationRecord.checked({**identification(name), **change})
+    record = IdentificationRecord.checked({**identification(name), "parameters": NEAR, **change})
     return Identified(folder, record)
 
 
@@ -56,7 +60,6 @@ FIGURE = {"rms": 0.7, "max": 1.0, "unit": "mm"}
 ROSE = {"before": {"position": {**FIGURE, "rms": 0.1}}, "after": {"position": FIGURE},
         "holdout": {}}
 
-
 @pytest.mark.parametrize(("change", "diagnosis", "word", "state", "then"), [
     ({"noise": NOISY}, None, "Not fully", "warn", "Diagnose"),
     ({"noise": NOISY}, {"verdict": "unnamed"}, "Not fully", "warn", "Look closer"),
@@ -68,6 +71,7 @@ ROSE = {"before": {"position": {**FIGURE, "rms": 0.1}}, "after": {"position": FI
     ({"converged": False}, None, "No", "bad", "Diagnose"),
     ({"residual": ROSE}, None, "No", "bad", "Diagnose"),
     ({"residual": {}}, None, "Not known", "warn", "Diagnose"),
+    ({"parameters": FAR_OUT}, None, "After a check", "warn", "Check"),
     ({"campaign": {"poses": 9, "file": "next.csv", "text": "Few"}}, None, "In part", "warn",
      "Measure"),
 ])
@@ -76,6 +80,12 @@ def test_no_yes_beside_a_doubt(change, diagnosis, word, state, then):
     assert (good.word, good.state) == (word, state)
     assert last.word == then
     assert (last.state == "ok") == (state == "ok")
+
+
+def test_what_is_farther_off_than_tolerances_allow_is_named_and_to_be_checked_first():
+    good, _, then = lines(one(parameters=FAR_OUT))
+    assert "farther from nominal than tolerances allow: leg1.offset" in good.text
+    assert "after that check" in then.text
 
 
 @pytest.mark.parametrize(("verdict", "words"), [
@@ -218,7 +228,8 @@ def test_what_to_do_next_suits_the_machine(tmp_path, monkeypatch, shipped, told)
     monkeypatch.chdir(tmp_path)
     Path("fit").mkdir()
     shutil.copy(ROOT / "configs" / f"{shipped}.yaml", "fit/identified.yaml")
-    Path("fit/identification.json").write_text(json.dumps(identification("bench")))
+    Path("fit/identification.json").write_text(json.dumps(
+        identification("bench") | {"parameters": NEAR}))
     (verdict,) = verdicts(run(ReportArguments(folders=("fit",))).data)
     assert re.findall(r"ppmcal ((?:export )?\w+)", verdict.lines[2].text) == told
 

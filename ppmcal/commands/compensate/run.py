@@ -47,6 +47,7 @@ from ppmcal.io.results.commands import (
 from ppmcal.io.results.knowledge import knowledge_of, read_identification
 from ppmcal.io.results.other_models import read_other_models
 from ppmcal.io.results.own_calibration import of_other_values
+from ppmcal.io.results.units import column_factor, parameter_unit
 from ppmcal.kinematics.needed_columns import ORDER
 from ppmcal.kinematics.tables import refuse_singular_home
 from ppmcal.linalg import finite_rows
@@ -56,7 +57,7 @@ from ppmcal.model.recorded import RecordedForm
 from ppmcal.model.registration import Registration
 from ppmcal.notes import NOTE, Note
 from ppmcal.store.provenance import source_of
-from ppmcal.wording import pluralize
+from ppmcal.wording import abbreviate_list, number, pluralize
 from ppmcal.wording.told import Told
 
 
@@ -214,13 +215,35 @@ def run(asked: CompensateArguments) -> CompensationResult:
         found = refused(found, worse)
     found = refused(found, unsafe_ways(machine, found)) if asked.path else found
     beside = list[Note]()
-    notes += [*told, *secondary("where the model is doubtful", lambda: _doubts(
+    notes += [*told, *_after_events(machine), *secondary("where the model is doubtful", lambda: _doubts(
         found, machine, known), [], beside), *secondary(
         "where commands go beyond what was measured", lambda: [*_beyond(
             found, machine, known, poses, asked.path)], [], beside), *beside]
     return replace(result, findings=tuple(lifted), compensation=found, notes=tuple(notes),
                    recorded=None if form is None else (
                        form_of, with_digits(form, machine, found)))
+
+
+def _after_events(machine: Mechanism) -> Iterator[Note]:
+    """Yield which events of the measurements count as lasting, so which machine commands are for.
+
+    Joints homed anew, reflectors or bases that moved: whether somebody undid that since, no data
+    can tell.
+    """
+    for effect in machine.effects:
+        if not effect.kind.onset:
+            continue
+        by = {s.name: effect.parameters[s.name] for s in effect.kind.parameters(machine.motion)}
+        row = machine.values[by.pop(effect.kind.onset)]
+        sizes = []
+        for p in by.values():
+            name = machine.names[p]
+            sizes.append(f"{name} = {number(machine.values[p] / column_factor(machine, name))} "
+                         f"{parameter_unit(machine, name)}")
+        yield Note(f"commands are for the machine as it was from row {row:.0f} of the measurements "
+                   f"on, with {abbreviate_list(sizes)}. If that was undone since (homed anew, put "
+                   "back), take the effect out of the mechanism file and run compensate again",
+                   NOTE)
 
 
 def _beyond(found: Compensation, machine: Mechanism, knowledge: ParameterCovariance | None,
