@@ -126,7 +126,7 @@ def wide_parts(table: Table, file: SidecarFile, mechanism: Mechanism) -> list[Ta
             for name, column in _found(renamed.get(header, bare_name(header)), targets, known):
                 own[name][header] = column
     _refuse_unclear(table, own, known)
-    every = {h for columns in own.values() for h in columns}
+    every = {h: f"{name}_{c}" for name, columns in own.items() for h, c in columns.items()}
     out = []
     for name, columns in own.items():
         names = {h: columns.get(h, "") + h[len(bare_name(h)):] if h in columns else h
@@ -180,7 +180,7 @@ def _refuse_unclear(table: Table, own: Mapping[str, Mapping[str, str]], known: S
                            f"`ignore: [{header}]` under `read` in the sidecar")
 
 
-def _read_of(table: Table, read: ReadFile, mine: Mapping[str, str], every: set[str]
+def _read_of(table: Table, read: ReadFile, mine: Mapping[str, str], every: Mapping[str, str]
              ) -> dict[str, Any]:
     """Return the sidecar's block as it is for the columns of one target, by its fields.
 
@@ -188,20 +188,27 @@ def _read_of(table: Table, read: ReadFile, mine: Mapping[str, str], every: set[s
         table: the whole one.
         read: the block.
         mine: header -> our column, of the target.
-        every: headers of all targets.
+        every: headers of all targets -> what these columns may be called too, however they are
+            spelt: ``T1_x``.
     """
     called = {h: own for own, h in read.columns.items()}
     names = {h: called.get(h, bare_name(h)) for h in table.header}
+
+    def hits(pattern: str) -> set[str]:
+        """Return the headers that a name or a pattern of the sidecar is of."""
+        return {h for h, name in names.items() if fnmatchcase(name, pattern)
+                or fnmatchcase(every.get(h, name), pattern)}
+
     out: dict[str, Any] = {
         "columns": {own: h for own, h in read.columns.items() if h not in every}}
     for field in ("units", "signs"):
         said: dict[str, Any] = {}
         for pattern, value in getattr(read, field).items():
-            hit = {h for h, name in names.items() if fnmatchcase(name, pattern)}
-            others = hit - every
+            hit = hits(pattern)
+            others = hit - {*every}
             if others or not hit:
                 # columns of targets are named one by one, for a pattern may be of several
-                said |= {names[h]: value for h in others} if hit & every else {pattern: value}
+                said |= {names[h]: value for h in others} if hit & {*every} else {pattern: value}
             said |= {mine[h]: value for h in hit if h in mine}
         out[field] = said
     return out

@@ -96,7 +96,8 @@ class Dataset:
         whole: the data set before rows were taken out: they were visited all the same; None:
             itself. ``place``: where its rows are in that one (N,).
         body: of several targets in one file what these have in common, the file's name; empty: the
-            file has one. ``mark``: the target's name.
+            file has one. ``mark``: the target's name; ``wide``: it has columns of its own there,
+            the ``headers`` of its measured ones.
         stands: a label per stand of the machine (N,), the same in all targets that were seen
             there; None: rows of one number on the time line.
         weight: the part of what each row tells that counts (N,); None: all of it.
@@ -145,6 +146,7 @@ class Dataset:
     campaign: str = ""
     body: str = ""
     mark: str = ""
+    wide: bool = False
     stands: Ints | None = None
     whole: Dataset | None = None
     place: Ints | None = None

@@ -26,7 +26,6 @@ from ppmcal.report.section import Section, placed
 from ppmcal.report.verdict import MOST, verdicts
 from ppmcal.store.provenance import Provenance
 
-
 FAR_OUT = identification()["parameters"]
 NEAR = [{**p, "far": False} for p in FAR_OUT]
 

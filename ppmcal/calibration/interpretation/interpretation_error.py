@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -24,6 +25,8 @@ PLAIN = ("stale", "outside-limits")
 """Kinds that name their rows and are not another reading of them."""
 
 
+PLAIN_WORD = re.compile(r"[A-Za-z_][\w ./*?-]*")
+"""Words that YAML takes as they stand."""
 NOISE = "times the noise"
 """In the place of a quantity: residuals over the noise, no length or angle."""
 
@@ -56,6 +59,7 @@ class Interpretation:
         noise_after: what a short fit leaves, times the noise.
         sigma: entries of the sidecar's ``instrument.sigma`` that are in the columns' unit too.
         alternatives: other mistakes that explain the file as well, and change no more of it.
+        right: the data set read so, None where nothing was compared.
     """
 
     source: str
@@ -67,6 +71,7 @@ class Interpretation:
     noise_after: float = np.nan
     sigma: Mapping[str, float] = field(default_factory=dict)
     alternatives: tuple[tuple[FileFault, ...], ...] = ()
+    right: Dataset | None = None
 
     @property
     def otherwise(self) -> str:
@@ -115,9 +120,15 @@ def with_line(data: Dataset, key: str, lines: Mapping[str, object]) -> dict[str,
     return {**data.read, key: {**data.read.get(key, {}), **lines}}
 
 
-def block_text(block: Mapping[str, object]) -> str:
-    """Return the sidecar's block ``read`` in one line of YAML."""
-    return json.dumps(block).replace('"', "")
+def block_text(block: object) -> str:
+    """Return the sidecar's block ``read`` in one line of YAML, quoted only where it must be."""
+    if isinstance(block, Mapping):
+        return f"{{{', '.join(f'{block_text(k)}: {block_text(v)}' for k, v in block.items())}}}"
+    if isinstance(block, list | tuple):
+        return f"[{', '.join(map(block_text, block))}]"
+    if isinstance(block, str) and not PLAIN_WORD.fullmatch(block):
+        return json.dumps(block, ensure_ascii=False)
+    return block if isinstance(block, str) else json.dumps(block)
 
 
 def hint_of(found: Sequence[Interpretation]) -> str:

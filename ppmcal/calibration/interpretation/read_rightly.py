@@ -13,6 +13,7 @@ import logging
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -49,6 +50,7 @@ from ppmcal.calibration.interpretation.score import (
     tolerances_away,
 )
 from ppmcal.calibration.interpretation.search import Way, ways
+from ppmcal.calibration.interpretation.targets_read import left_out_whole, targets_read
 from ppmcal.calibration.interpretation.wrong_rows import wrong_parts, wrong_rows
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.model.parameters import NO_TOLERANCE
@@ -65,14 +67,19 @@ HINT = ("Check the order and signs of the q columns, their units, and how the ro
 def find_misreading(problem: Problem, index: int) -> Interpretation | None:
     """Return how one data set is to be read, None where it stands, or where nothing explains it."""
     data = problem.datasets[index]
-    if not readable(data):
-        return None
-    alone = problem.alone(data)
-    as_read = score(alone)
+    return _read_otherwise(problem.alone(data)) if readable(data) else None
+
+
+def _read_otherwise(alone: Problem, held: bool = False) -> Interpretation | None:
+    """Return :func:`find_misreading` of the one data set of a problem.
+
+    ``held``: its frame is not what the sidecar says but where other data have it.
+    """
+    data, as_read = alone.datasets[0], score(alone)
     # what is read wrongly is wrong in all rows, also in those that have a pose
     if as_read.total <= TELLING or (np.isinf(as_read.total) and as_read.nominal <= LANDS):
         return None
-    good = _better(alone, as_read)
+    good = _better(alone, as_read, "frame" if held else "")
     if not good:
         return None
     way, best, alternatives = _chosen(good)
@@ -87,13 +94,13 @@ def find_misreading(problem: Problem, index: int) -> Interpretation | None:
     if np.isinf(as_read.total):
         told = (np.nan, np.nan), told[1]
     return Interpretation(data.source, way.what, block, *_telling(*told), best.noise, sigma,
-                          alternatives)
+                          alternatives, way.problem.datasets[0])
 
 
-def _better(alone: Problem, as_read: Score) -> list[tuple[Way, Score]]:
+def _better(alone: Problem, as_read: Score, sure: str) -> list[tuple[Way, Score]]:
     """Return the ways that explain what is wrong; behind one that comes to the noise none is asked.
 
-    Those would change more.
+    Those would change more. ``sure``: a kind of mistake that it cannot be.
     """
     out: list[tuple[Way, Score]] = []
     enough = np.inf
@@ -101,6 +108,8 @@ def _better(alone: Problem, as_read: Score) -> list[tuple[Way, Score]]:
     for way in ways(alone, as_read):
         if way.parts > enough:
             break
+        if sure and any(m.kind == sure for m in way.what):
+            continue
         found = score(way.problem, lands)
         fitted = np.isfinite(found.noise + found.total)
         if fitted and _explains(as_read, found) and _tells(way.problem, found):
@@ -201,9 +210,12 @@ def _misfit(problem: Problem) -> Score:
     return replace(fitted, readings=found)
 
 
-def _misreadings(problem: Problem) -> tuple[Interpretation, ...]:
-    found = (find_misreading(problem, i) for i in range(len(problem.datasets)))
-    return tuple(m for m in found if m is not None)
+def _misreadings(problem: Problem, astray: frozenset[int] = frozenset()
+                 ) -> tuple[Interpretation, ...]:
+    """Return how data sets are to be read; ``astray``: those that do not fit beside others."""
+    found = {i: m for i in range(len(problem.datasets))
+             if (m := find_misreading(problem, i)) is not None}
+    return targets_read(problem, found, astray, partial(_read_otherwise, held=True))
 
 
 def _other_zeros(problem: Problem) -> tuple[Interpretation, ...]:
@@ -259,7 +271,8 @@ def refuse_after_fit(fit: Fit) -> None:
         InterpretationError: with how they are to be read.
     """
     left = distances(fit.problem, fit.state).times(fit.keep)
-    if left > TELLING or rms(tolerances_away(fit.problem, fit.state)) > FAR:
+    if left > TELLING or left_out_whole(fit) or rms(
+            tolerances_away(fit.problem, fit.state)) > FAR:
         refuse_columns(fit)
     _refuse(wrong_rows(fit), fit.problem)
 
@@ -270,7 +283,7 @@ def refuse_columns(fit: Fit) -> None:
     Raises:
         InterpretationError: with how they are to be read.
     """
-    _refuse(_misreadings(replace(fit.problem, earlier=None)), fit.problem)
+    _refuse(_misreadings(replace(fit.problem, earlier=None), left_out_whole(fit)), fit.problem)
     refuse_exchanged(fit)
 
 

@@ -8,7 +8,7 @@ whole: what it already says, and what was found.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -33,6 +33,21 @@ from ppmcal.wording import pluralize
 
 QUATERNION = ("quat_x", "quat_y", "quat_z", "quat_w")
 UNITS = {**LENGTHS, **ANGLES, "turn": TURN}
+
+
+def _of_target(block: Mapping[str, Any], data: Dataset) -> dict[str, Any]:
+    """Return a block for a target that has columns of its own, T2_x: called by these."""
+    own = {*AXES, *TURNS, *QUATERNION}
+    out = {"columns": {}, **block}
+    if out.get("mirror") and not data.kind.sees_rotation:
+        axis = out.pop("mirror")
+        out["signs"] = {**out.get("signs", {}), axis: -out.get("signs", {}).get(axis, 1)}
+    told = data.read.get("columns", {})
+    out["columns"] = {n: header for n, header in out["columns"].items() if n not in own or (
+        n in told or header != data.headers.get(n))}
+    for key in ("columns", "units", "signs"):
+        out[key] = {f"{data.mark}_{n}" if n in own else n: v for n, v in out.get(key, {}).items()}
+    return {key: value for key, value in out.items() if value}
 
 
 @dataclass(frozen=True)
@@ -239,7 +254,8 @@ class ColumnInterpretation:
                "signs": {n: s for n, s in signs.items() if s != 1}, "rotation": rotation,
                "pose": "inverse" if inverse else "", "mirror": mirror,
                "shift": self.shift + int(old.get("shift", 0))}
-        return {key: value for key, value in out.items() if value}
+        known = {key: value for key, value in out.items() if value}
+        return _of_target(known, data) if data.wide else known
 
     def sigma(self, data: Dataset, left: tuple[float, float]) -> dict[str, float]:
         """Return the sigma that a sidecar is to state where columns are in another unit than it.

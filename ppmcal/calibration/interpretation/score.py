@@ -148,7 +148,7 @@ class Look:
             return self.posed
         return [k & ~g for k, g in zip(self.posed, self.gross, strict=True)]
 
-    def _fitted(self) -> State:
+    def fitted(self) -> State:
         """Return where a short robust fit ends."""
         sound = self.sound
 
@@ -172,7 +172,7 @@ class Look:
                       lost, rows, gross / max(rows, 1))
         if not found.nominal <= lands:
             return found
-        end = self._fitted()
+        end = self.fitted()
         return replace(found, before=self._noise(self.state), noise=self._noise(end),
                        geometry=rms(tolerances_away(self.problem, end)),
                        left=medians(self.problem, end))

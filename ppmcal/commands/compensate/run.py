@@ -215,9 +215,11 @@ def run(asked: CompensateArguments) -> CompensationResult:
         found = refused(found, worse)
     found = refused(found, unsafe_ways(machine, found)) if asked.path else found
     beside = list[Note]()
-    notes += [*told, *_after_events(machine), *secondary("where the model is doubtful", lambda: _doubts(
-        found, machine, known), [], beside), *secondary(
-        "where commands go beyond what was measured", lambda: [*_beyond(
+    notes += [
+        *told, *_after_events(machine),
+        *secondary("where the model is doubtful", lambda: _doubts(found, machine, known), [],
+                   beside),
+        *secondary("where commands go beyond what was measured", lambda: [*_beyond(
             found, machine, known, poses, asked.path)], [], beside), *beside]
     return replace(result, findings=tuple(lifted), compensation=found, notes=tuple(notes),
                    recorded=None if form is None else (

@@ -1,0 +1,160 @@
+"""Misreadings of one target among several of one body: told by its name, in its own columns.
+
+Alone, a target's frame is open: exchanged axes look like a mirrored one in a turned frame, and two
+turned axes like nothing. Beside targets that are read rightly it is held where they have it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from ppmcal.calibration.fit import Fit, Problem
+from ppmcal.calibration.interpretation.interpretation_error import (
+    FileFault,
+    Interpretation,
+    block_text,
+)
+from ppmcal.calibration.interpretation.limits import MOST, TELLING
+from ppmcal.calibration.interpretation.readings import ColumnInterpretation
+from ppmcal.calibration.interpretation.score import Look, score
+from ppmcal.errors import PpmcalError
+from ppmcal.model.dataset import Dataset
+
+
+def left_out_whole(fit: Fit) -> frozenset[int]:
+    """Return the data sets of which a fit left out most rows that can be used."""
+    return frozenset(i for i, (d, keep) in enumerate(zip(fit.problem.datasets, fit.keep,
+                                                         strict=True))
+                     if d.usable.any() and keep[d.usable].mean() < 1.0 - MOST)
+
+
+def targets_read(problem: Problem, found: Mapping[int, Interpretation],
+                 astray: frozenset[int], read: Callable[[Problem], Interpretation | None]
+                 ) -> tuple[Interpretation, ...]:
+    """Return misreadings, those of one body's targets together.
+
+    Args:
+        problem: machine and data.
+        found: of data sets by themselves, by their number.
+        astray: data sets that do not fit beside the others, as those found.
+        read: how the one data set of a problem, whose frame is held, is to be read.
+    """
+    bodies: dict[str, list[int]] = {}
+    for i, d in enumerate(problem.datasets):
+        bodies.setdefault(d.body or f"{d.name} alone", []).append(i)
+    out = list[Interpretation]()
+    for own in bodies.values():
+        mine = {i: found[i] for i in own if i in found}
+        wrong = [i for i in own if i in found or i in astray]
+        if len(own) == 1 or not (wrong or _disagree(problem, own)):
+            out += mine.values()
+            continue
+        beside = _least(problem, own, wrong, mine, read)
+        # of two that are in order alone, either may be the one that is turned
+        either = frozenset(beside) - mine.keys() if len(own) == 2 else frozenset()
+        out += _told(problem, own, mine | beside, either)
+    return tuple(out)
+
+
+def _disagree(problem: Problem, own: Sequence[int]) -> bool:
+    """Whether targets are far worse together, in one frame, than each is alone."""
+    data = [problem.datasets[i] for i in own]
+    alone = [score(problem.alone(d), np.inf).total for d in data]
+    first = data[0].alone()
+    whole = [first, *(replace(d, frame=replace(d.frame, same_as=first.name)) for d in data[1:])]
+    together = score(replace(problem, datasets=tuple(whole), pivots=None, given=None,
+                             earlier=None), np.inf).total
+    return together > TELLING * max(alone)
+
+
+def _least(problem: Problem, own: Sequence[int], wrong: Sequence[int],
+           found: Mapping[int, Interpretation], read: Callable[[Problem], Interpretation | None]
+           ) -> dict[int, Interpretation]:
+    """Return how targets are to be read beside the one whose frame leaves least to be changed."""
+    data = problem.datasets
+    if not wrong:
+        pairs = [(data[i], [j for j in own if j != i]) for i in own]
+    elif len(wrong) < len(own):
+        pairs = [(data[next(i for i in own if i not in wrong)], wrong)]
+    else:
+        pairs = [(right, wrong) for i in wrong
+                 if i in found and (right := found[i].right) is not None]
+    ways = [_beside(problem, others, start, read) for start, others in pairs]
+    return min((w for w in ways if w), default={}, key=lambda w: (
+        len({*wrong} - w.keys()), sum(len(m.mistakes) for m in w.values())))
+
+
+def _beside(problem: Problem, wrong: Sequence[int], start: Dataset,
+            read: Callable[[Problem], Interpretation | None]) -> dict[int, Interpretation]:
+    """Return how data sets are to be read, their frame held where one read rightly has it.
+
+    None of them where that one has no fit, or its frame is not open.
+    """
+    frame, out = start.alone().frame, dict[int, Interpretation]()
+    if not frame.fitted:
+        return out
+    with suppress(PpmcalError):
+        state = Look.at(problem.alone(start)).fitted()
+        held = replace(frame, fitted=False, value=state.registrations[0].frame_pose)
+        for i in wrong:
+            found = read(problem.alone(replace(problem.datasets[i], frame=held)))
+            if found is not None:
+                out[i] = found
+    return out
+
+
+def _told(problem: Problem, own: Sequence[int], found: Mapping[int, Interpretation],
+          either: frozenset[int]) -> Iterator[Interpretation]:
+    """Yield the misreading of a body's targets (by number), if any is found.
+
+    ``either``: those of two in whose place it may be the other one.
+    """
+    wrong = [i for i in own if i in found]
+    if not wrong:
+        return
+    first = found[wrong[0]]
+    alike = len(wrong) == len(own) and len({
+        tuple(m.text for m in found[i].mistakes) for i in own}) == 1
+    long = not problem.datasets[own[0]].wide
+    if alike and long:
+        yield first
+        return
+    data = [problem.datasets[i] for i in own]
+    named = first.mistakes if alike else tuple(
+        replace(m, text=f"target {problem.datasets[i].mark}"
+                + " (or the other one in its place)" * (i in either) + f": {m.text}"
+                + _in_a_long_file(found[i]) * long,
+                rows=tuple(problem.datasets[i].rows.tolist()) if long else m.rows)
+        for i in wrong for m in map(_unlike_others, found[i].mistakes))
+    yield replace(first, mistakes=named, sigma=first.sigma if alike else {}, alternatives=(),
+                  block=None if long else _merged(problem, data, [found.get(i) for i in own]))
+
+
+def _unlike_others(mistake: FileFault) -> FileFault:
+    """Return what is wrong with one target: it alone cannot be of a machine's mirror image."""
+    if mistake.kind != "mirrored":
+        return mistake
+    return replace(mistake, kind="sign", text="left-handed: one of its axes has the other sign")
+
+
+def _in_a_long_file(found: Interpretation) -> str:
+    """Return what the sidecar of that target's own file would say."""
+    return f" (`read: {block_text(found.block)}` there)" if found.block is not None else ""
+
+
+def _merged(problem: Problem, data: list[Dataset], found: list[Interpretation | None]
+            ) -> dict[str, object] | None:
+    """Return one block ``read`` of a wide file, of all its targets."""
+    out: dict[str, object] = {}
+    for d, m in zip(data, found, strict=True):
+        block = ColumnInterpretation.as_declared(problem.mechanism, d).block(
+            d) if m is None else m.block
+        for key, value in (block or {}).items():
+            old = out.get(key)
+            out[key] = {**old, **value} if isinstance(old, dict) and isinstance(
+                value, dict) else value
+    return out or None
