@@ -90,11 +90,10 @@ def _of_columns(table: Table, file: SidecarFile, side: str, mechanism: Mechanism
         except BadInput as error:
             raise BadInput(error.what, f"{error.where} (target {part.target})",
                            error.hint) from None
-        own = {column: h for h, column in part.columns.items()}
-        named = {c: h for c, h in own.items() if h in file.read.columns.values()}
+        own = {column: header for header, column in part.columns.items()}
         out.append(replace(
             data, mark=part.target, wide=True, headers={**data.headers, **own}, stands=data.rows,
-            read={**data.read, "columns": {**data.read.get("columns", {}), **named}},
+            read=file.read.model_dump(exclude_unset=True),
             findings=tuple(n for n in data.findings if n not in told)))
         told |= set(data.findings)
     return out

@@ -240,6 +240,11 @@ class Dataset:
         return replace(self, unusable=tuple(
             r or (reason if out else "") for r, out in zip(old, rows.tolist(), strict=True)))
 
+    def own_column(self, name: str) -> str:
+        """Return what a sidecar calls a column, ``T2_x`` where several targets have one of it."""
+        shared = not self.wide or name not in self.headers or name.startswith("q_")
+        return name if shared else f"{self.mark}_{name}"
+
     def alone(self) -> Dataset:
         """Return the data set with a frame of its own where it had that of another one."""
         if self.frame.same_as is None:

@@ -59,8 +59,9 @@ def as_read(path: Path) -> InterpretationError | None:
     (("T1", "T2", "T3"), {"T2": turned_about}, ["target T2: x and y have the other sign"], {
         "signs": {"T2_x": -1, "T2_y": -1}}),
     (("T1", "T2"), {"T2": mirrored}, ["target T2: left-handed"], {"signs": {"T2_x": -1}}),
-    (("T1", "T2", "T3"), {"T1": exchanged, "T2": in_cm}, [
-        "target T1: x and y are exchanged", "target T2: x and y are in cm"], {"columns": {"T1_x": "y T1", "T1_y": "x T1"}, "units": {"T2_x": "cm", "T2_y": "cm"}})])
+    (("T1", "T2", "T3"), {"T1": exchanged, "T2": in_cm},
+     ["target T1: x and y are exchanged", "target T2: x and y are in cm"],
+     {"columns": {"T1_x": "y T1", "T1_y": "x T1"}, "units": {"T2_x": "cm", "T2_y": "cm"}})])
 def test_one_mark_is_named_with_lines_for_it_alone(
         tmp_path: Path, names: tuple[str, ...], change: Mapping[str, Change], words: list[str],
         block: Mapping[str, Mapping[str, object]]) -> None:

@@ -93,8 +93,9 @@ class InterpretationError(NoResult):
     def of(cls, found: Sequence[Interpretation], units: Units) -> InterpretationError:
         """Return the refusal that names the mistakes and the lines that correct them."""
         several = len({m.source for m in found}) > 1
-        what = "; ".join(f"{m.source}: " * several + interpretation_sentence(m, units)
-                         for m in found)
+        # what all targets of a file share, each of them shows
+        what = "; ".join(dict.fromkeys(
+            f"{m.source}: " * several + interpretation_sentence(m, units) for m in found))
         error = cls(what, ", ".join(dict.fromkeys(m.source for m in found)), hint_of(found))
         error.found, error.units = tuple(found), units
         return error
@@ -111,8 +112,8 @@ def interpretation_sentence(found: Interpretation, units: Units) -> str:
     before = (f"read so, the median error drops from {found.before / factor:.3g} to"
               if np.isfinite(found.before) else
               "hardly a row had a pose; read so, the median error is")
-    return (f"{what}: {before} {found.after / factor:.3g} {unit}, {found.noise_after:.2g} times "
-            "the noise after a short fit")
+    return (f"{what}: {before} {found.after / factor:.3g} {unit}, and a short fit leaves "
+            f"{found.noise_after:.2g} times the noise")
 
 
 def with_line(data: Dataset, key: str, lines: Mapping[str, object]) -> dict[str, object]:

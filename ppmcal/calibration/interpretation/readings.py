@@ -8,7 +8,7 @@ whole: what it already says, and what was found.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -33,21 +33,6 @@ from ppmcal.wording import pluralize
 
 QUATERNION = ("quat_x", "quat_y", "quat_z", "quat_w")
 UNITS = {**LENGTHS, **ANGLES, "turn": TURN}
-
-
-def _of_target(block: Mapping[str, Any], data: Dataset) -> dict[str, Any]:
-    """Return a block for a target that has columns of its own, T2_x: called by these."""
-    own = {*AXES, *TURNS, *QUATERNION}
-    out = {"columns": {}, **block}
-    if out.get("mirror") and not data.kind.sees_rotation:
-        axis = out.pop("mirror")
-        out["signs"] = {**out.get("signs", {}), axis: -out.get("signs", {}).get(axis, 1)}
-    told = data.read.get("columns", {})
-    out["columns"] = {n: header for n, header in out["columns"].items() if n not in own or (
-        n in told or header != data.headers.get(n))}
-    for key in ("columns", "units", "signs"):
-        out[key] = {f"{data.mark}_{n}" if n in own else n: v for n, v in out.get(key, {}).items()}
-    return {key: value for key, value in out.items() if value}
 
 
 @dataclass(frozen=True)
@@ -235,27 +220,31 @@ class ColumnInterpretation:
         What the sidecar says already stays, and is put together with what was found.
         """
         old, headers = dict(data.read), dict(data.headers)
+        names = dict(old.get("columns", {}) if data.wide else headers)
         signs, units = dict(old.get("signs", {})), dict(old.get("units", {}))
+        turned = self.mirror if data.wide and not data.kind.sees_rotation else ""
         for sort in (self.joints, self.places, self.turns):
             for i in sort.own:
-                name, source = sort.names[i], sort.names[sort.order[i]]
-                if source != name or name in data.headers:
-                    headers[name] = data.headers.get(source, source)
-                signs[name] = sort.signs[i] * signs.get(name, 1)
+                plain, source = sort.names[i], sort.names[sort.order[i]]
+                name = data.own_column(plain)
+                if source != plain:
+                    names[name] = headers.get(source, source)
+                sign = sort.signs[i] * (-1 if plain == turned else 1)
+                signs[name] = sign * signs.get(name, 1)
                 units |= {name: sort.units[i]} if sort.units[i] else {}
         rotation = self.rotation or old.get("rotation", "")
         inverse = self.inverse != (old.get("pose") == "inverse")
-        mirror = "" if self.mirror == old.get("mirror", "") else self.mirror or old["mirror"]
+        here = "" if turned else self.mirror
+        mirror = "" if here == old.get("mirror", "") else here or old["mirror"]
         if (inverse or mirror) and self.convention in QUATERNIONS:
             rotation = rotation or self.convention
-        out = {"columns": {own: header for own, header in headers.items() if own != header},
+        out = {"columns": {own: header for own, header in names.items() if own != header},
                "ignore": old.get("ignore"), "units": units,
                "counts_per_turn": old.get("counts_per_turn"),
                "signs": {n: s for n, s in signs.items() if s != 1}, "rotation": rotation,
                "pose": "inverse" if inverse else "", "mirror": mirror,
                "shift": self.shift + int(old.get("shift", 0))}
-        known = {key: value for key, value in out.items() if value}
-        return _of_target(known, data) if data.wide else known
+        return {key: value for key, value in out.items() if value}
 
     def sigma(self, data: Dataset, left: tuple[float, float]) -> dict[str, float]:
         """Return the sigma that a sidecar is to state where columns are in another unit than it.

@@ -19,7 +19,6 @@ from ppmcal.calibration.interpretation.interpretation_error import (
     block_text,
 )
 from ppmcal.calibration.interpretation.limits import MOST, TELLING
-from ppmcal.calibration.interpretation.readings import ColumnInterpretation
 from ppmcal.calibration.interpretation.score import Look, score
 from ppmcal.errors import PpmcalError
 from ppmcal.model.dataset import Dataset
@@ -123,7 +122,6 @@ def _told(problem: Problem, own: Sequence[int], found: Mapping[int, Interpretati
     if alike and long:
         yield first
         return
-    data = [problem.datasets[i] for i in own]
     named = first.mistakes if alike else tuple(
         replace(m, text=f"target {problem.datasets[i].mark}"
                 + " (or the other one in its place)" * (i in either) + f": {m.text}"
@@ -131,7 +129,7 @@ def _told(problem: Problem, own: Sequence[int], found: Mapping[int, Interpretati
                 rows=tuple(problem.datasets[i].rows.tolist()) if long else m.rows)
         for i in wrong for m in map(_unlike_others, found[i].mistakes))
     yield replace(first, mistakes=named, sigma=first.sigma if alike else {}, alternatives=(),
-                  block=None if long else _merged(problem, data, [found.get(i) for i in own]))
+                  block=None if long else _merged([found[i] for i in wrong]))
 
 
 def _unlike_others(mistake: FileFault) -> FileFault:
@@ -146,15 +144,10 @@ def _in_a_long_file(found: Interpretation) -> str:
     return f" (`read: {block_text(found.block)}` there)" if found.block is not None else ""
 
 
-def _merged(problem: Problem, data: list[Dataset], found: list[Interpretation | None]
-            ) -> dict[str, object] | None:
-    """Return one block ``read`` of a wide file, of all its targets."""
+def _merged(found: Sequence[Interpretation]) -> dict[str, object] | None:
+    """Return one block ``read`` of a wide file, of several of its targets."""
     out: dict[str, object] = {}
-    for d, m in zip(data, found, strict=True):
-        block = ColumnInterpretation.as_declared(problem.mechanism, d).block(
-            d) if m is None else m.block
-        for key, value in (block or {}).items():
-            old = out.get(key)
-            out[key] = {**old, **value} if isinstance(old, dict) and isinstance(
-                value, dict) else value
+    for key, value in (pair for m in found for pair in (m.block or {}).items()):
+        old = out.get(key)
+        out[key] = {**old, **value} if isinstance(old, dict) and isinstance(value, dict) else value
     return out or None

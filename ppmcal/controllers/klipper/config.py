@@ -8,6 +8,7 @@ own units: mm, degrees, microsteps counted down from the endstop.
 
 from __future__ import annotations
 
+import difflib
 import math
 import os
 import re
@@ -22,6 +23,8 @@ from ppmcal.errors import BadInput
 
 LARGEST = 1e9
 """mm, degrees, microsteps: no number of a printer is as large."""
+MISSPELT = 0.85
+"""Keys as alike as that (:mod:`difflib`) are one that was mistyped."""
 GEOMETRY_KEYS = ("printer.delta_radius", *(f"stepper_{tower}.{key}" for tower in TOWERS
                  for key in ("angle", "arm_length", "position_endstop")))
 """``section.key`` of every number of a delta's geometry."""
@@ -91,6 +94,7 @@ class Config:
         """Return the ``count`` numbers of a key, separated by commas."""
         entry = self.section(section).get(key)
         if entry is None:
+            self._refuse_misspelt(section, key)
             raise BadInput("is missing", self.at(section, key),
                            f"Add a line such as `{key}: 100` to the section")
         parts = [p.strip() for p in entry.text.split(",")]
@@ -103,10 +107,18 @@ class Config:
                            "Write decimal numbers" + (", separated by commas" if count > 1 else ""))
         return values
 
+    def _refuse_misspelt(self, section: str, key: str) -> None:
+        """Refuse a section without a key that has nearly that one: its number would not count."""
+        near = difflib.get_close_matches(key, self.section(section), 1, MISSPELT)
+        if near:
+            raise BadInput(f"there is no such option. Did you mean {key}?",
+                           self.at(section, near[0]), "Correct its name")
+
     def number(self, section: str, key: str, default: float | None = None,
                positive: bool = False) -> float:
         """Return one number, ``default`` where the key is absent."""
         if default is not None and key not in self.section(section):
+            self._refuse_misspelt(section, key)
             return default
         value = self.numbers(section, key, 1)[0]
         return above_zero(value, self.at(section, key)) if positive else value
