@@ -107,8 +107,8 @@ def _say_defaults(context: click.Context) -> None:
 
 
 def _replace_option(name: str) -> Callable[[F], F]:
-    """Return the option to write where files are, whatever it is called; its value is ``force``."""
-    return click.option(name, "force", is_flag=True,
+    """Return the option to write where files are, ``--overwrite`` and ``name``, as ``force``."""
+    return click.option(*dict.fromkeys((name, "--overwrite")), "force", is_flag=True,
                         help="Write even where files are that this command did not write, or "
                         "that were edited since; inputs are never replaced.")
 
