@@ -30,7 +30,7 @@ from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import unmatched
-from ppmcal.notes import Note
+from ppmcal.notes import FINDING, NOTE, Note
 from ppmcal.store.inputs import path_errors
 from ppmcal.store.runs import RecordedRun, runs_of
 from ppmcal.store.transaction import recover
@@ -190,7 +190,20 @@ def prepared(mechanism: Machine, data: Measurements, free: Sequence[str] | str =
             refuse_unrecorded(machine, environment_of(machine, d),
                               f"the effects of {machine.source}", d.source,
                               lambda _: ", or take the effect out")
+        machine = replace(machine, findings=(*machine.findings, *_of_no_target(machine, datasets)))
     return machine, datasets
+
+
+def _of_no_target(machine: Mechanism, datasets: Sequence[Dataset]) -> Iterator[Note]:
+    """Yield which effects are of a target that was not measured, so that they do nothing."""
+    names = [d.name for d in datasets]
+    for i, effect in enumerate(machine.effects):
+        target = effect.kind.target
+        if target and target not in names:
+            hint = unknown("data set", target, names).hint
+            yield Note(f"{machine.source}: effects[{i + 1}].target: no data set is called "
+                       f"'{target}', so {effect.kind.title} does nothing here. {hint}",
+                       FINDING if set(effect.parameters.values()) & {*machine.free} else NOTE)
 
 
 def datasets_of(mechanism: Mechanism, data: Measurements) -> tuple[Dataset, ...]:

@@ -18,7 +18,7 @@ from ppmcal.diagnosis.result import NAMED, Found, NamedEffect, Swallowed
 from ppmcal.diagnosis.unknown_causes import UnknownCause
 from ppmcal.errors import NoResult
 from ppmcal.inference.priors import SURE_SIGMAS
-from ppmcal.notes import Note
+from ppmcal.notes import NOTE, Note
 from ppmcal.wording import pluralize
 
 
@@ -64,7 +64,7 @@ def findings(before: Fit, after: Fit, left: LackOfFit, effects: Sequence[NamedEf
         back = sorted(set(old) - set(reasons))
         if back:
             said.append(Note(f"{data.name}: {pluralize(len(back), 'row')} at first taken for "
-                             "outliers, explained by the effects and back in use",
+                             "outliers, explained by the effects and back in use", NOTE,
                              topic="row weights"))
     if out.sentence:
         said.append(Note(out.sentence, topic="row weights"))

@@ -16,9 +16,11 @@ from helpers.commands import number, ppmcal, rows
 
 import ppmcal as package
 from ppmcal.calibration.fit.problem import Problem
+from ppmcal.commands.inputs import prepared
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.model.effects import EffectKind, find_effect
 from ppmcal.model.mechanism import Given, with_effect
+from ppmcal.notes import FINDING, NOTE
 
 STEP, ROW = (0.05, -0.04), 21
 FORMS = {"wide": wide, "long": long, "several": several}
@@ -157,3 +159,18 @@ def test_a_target_without_a_name_is_refused(tmp_path: Path) -> None:
     run = ppmcal("check", "model.yaml", cwd=tmp_path)
     assert run.code == 2
     assert "effects[1].target" in run.err and "no name of a target" in run.err
+
+
+@pytest.mark.parametrize(("name", "free", "level"), [
+    ("body T9", True, FINDING), ("body T9", False, NOTE), ("body T2", True, None)])
+def test_an_effect_of_a_target_that_nobody_measured_is_told(tmp_path: Path, name: str, free: bool,
+                                                            level: str | None) -> None:
+    """One to be fitted is a mistake; of another session's target a model may well know."""
+    content = yaml.safe_load(machine(tmp_path).read_text())
+    content["effects"] = [{"kind": "target_shift", "target": name, "parameters": {
+        "x": {"value": 0.0, "free": free}, "from_row": 7}}]
+    (tmp_path / "bench.yaml").write_text(yaml.safe_dump(content))
+    known, _ = prepared(tmp_path / "bench.yaml", wide(tmp_path, measured(3)), ())
+    told = [f for f in known.findings if "effects[1].target" in f]
+    assert [f.level for f in told] == ([] if level is None else [level])
+    assert all("Did you mean 'body T" in f for f in told)
