@@ -216,7 +216,7 @@ def run(asked: CompensateArguments) -> CompensationResult:
     found = refused(found, unsafe_ways(machine, found)) if asked.path else found
     beside = list[Note]()
     notes += [
-        *told, *_after_events(machine),
+        *told, *_base_axes(machine, known, name), *_after_events(machine, name),
         *secondary("where the model is doubtful", lambda: _doubts(found, machine, known), [],
                    beside),
         *secondary("where commands go beyond what was measured", lambda: [*_beyond(
@@ -226,14 +226,15 @@ def run(asked: CompensateArguments) -> CompensationResult:
                        form_of, with_digits(form, machine, found)))
 
 
-def _after_events(machine: Mechanism) -> Iterator[Note]:
+def _after_events(machine: Mechanism, frame: str) -> Iterator[Note]:
     """Yield which events of the measurements count as lasting, so which machine commands are for.
 
     Joints homed anew, reflectors or bases that moved: whether somebody undid that since, no data
-    can tell.
+    can tell. What befell an instrument's view counts in its own frame.
     """
     for effect in machine.effects:
-        if not effect.kind.onset:
+        if not effect.kind.onset or (effect.kind.instrument and (
+                not frame or effect.kind.target not in ("", frame))):
             continue
         by = {s.name: effect.parameters[s.name] for s in effect.kind.parameters(machine.motion)}
         row = machine.values[by.pop(effect.kind.onset)]
@@ -246,6 +247,15 @@ def _after_events(machine: Mechanism) -> Iterator[Note]:
                    f"on, with {abbreviate_list(sizes)}. If that was undone since (homed anew, put "
                    "back), take the effect out of the mechanism file and run compensate again",
                    NOTE)
+
+
+def _base_axes(machine: Mechanism, known: ParameterCovariance | None, frame: str) -> Iterator[Note]:
+    """Yield that base axes are uncertain themselves, where nothing but tolerances holds them."""
+    fitted = [n for n, r in machine.registrations.items() if r.frame_pose.any()]
+    if known is not None and not frame and known.base_axes is None and fitted:
+        yield Note("where the base axes are, only the tolerances of the base say: the predicted "
+                   f"errors hold that too, those in a measuring frame (--frame {fitted[0]!r}) do "
+                   "not; `frame: {points: ...}` in a sidecar measures the axes", NOTE)
 
 
 def _beyond(found: Compensation, machine: Mechanism, knowledge: ParameterCovariance | None,
