@@ -18,7 +18,6 @@ from ppmcal.calibration.compensation import (
     Targets,
     averaged,
     is_worse,
-    own_steps,
     refused,
     sent,
     unsafe_ways,
@@ -26,7 +25,7 @@ from ppmcal.calibration.compensation import (
 )
 from ppmcal.calibration.compensation import compensate as compensated
 from ppmcal.calibration.fit import secondary
-from ppmcal.calibration.knowledge import extrapolated, measured_ranges
+from ppmcal.commands.compensate.notes import after_events, base_axes, beyond_measured, doubts
 from ppmcal.commands.compensate.options import CompensateArguments
 from ppmcal.commands.compensate.recorded import Forms, asked_form, known_form, with_digits
 from ppmcal.commands.inputs import files_of, load, place_of, refuse_unfit, refuse_unrecorded
@@ -47,17 +46,15 @@ from ppmcal.io.results.commands import (
 from ppmcal.io.results.knowledge import knowledge_of, read_identification
 from ppmcal.io.results.other_models import read_other_models
 from ppmcal.io.results.own_calibration import of_other_values
-from ppmcal.io.results.units import column_factor, parameter_unit
 from ppmcal.kinematics.needed_columns import ORDER
 from ppmcal.kinematics.tables import refuse_singular_home
-from ppmcal.linalg import finite_rows
 from ppmcal.model.dataset import WRENCH, environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.recorded import RecordedForm
 from ppmcal.model.registration import Registration
 from ppmcal.notes import NOTE, Note
 from ppmcal.store.provenance import source_of
-from ppmcal.wording import abbreviate_list, number, pluralize
+from ppmcal.wording import pluralize
 from ppmcal.wording.told import Told
 
 
@@ -216,88 +213,14 @@ def run(asked: CompensateArguments) -> CompensationResult:
     found = refused(found, unsafe_ways(machine, found)) if asked.path else found
     beside = list[Note]()
     notes += [
-        *told, *_base_axes(machine, known, name), *_after_events(machine, name),
-        *secondary("where the model is doubtful", lambda: _doubts(found, machine, known), [],
+        *told, *base_axes(machine, known, name), *after_events(machine, name),
+        *secondary("where the model is doubtful", lambda: doubts(found, machine, known), [],
                    beside),
-        *secondary("where commands go beyond what was measured", lambda: [*_beyond(
+        *secondary("where commands go beyond what was measured", lambda: [*beyond_measured(
             found, machine, known, poses, asked.path)], [], beside), *beside]
     return replace(result, findings=tuple(lifted), compensation=found, notes=tuple(notes),
                    recorded=None if form is None else (
                        form_of, with_digits(form, machine, found)))
-
-
-def _after_events(machine: Mechanism, frame: str) -> Iterator[Note]:
-    """Yield which events of the measurements count as lasting, so which machine commands are for.
-
-    Joints homed anew, reflectors or bases that moved: whether somebody undid that since, no data
-    can tell. What befell an instrument's view counts in its own frame.
-    """
-    for effect in machine.effects:
-        if not effect.kind.onset or (effect.kind.instrument and (
-                not frame or effect.kind.target not in ("", frame))):
-            continue
-        by = {s.name: effect.parameters[s.name] for s in effect.kind.parameters(machine.motion)}
-        row = machine.values[by.pop(effect.kind.onset)]
-        sizes = []
-        for p in by.values():
-            name = machine.names[p]
-            sizes.append(f"{name} = {number(machine.values[p] / column_factor(machine, name))} "
-                         f"{parameter_unit(machine, name)}")
-        yield Note(f"commands are for the machine as it was from row {row:.0f} of the measurements "
-                   f"on, with {abbreviate_list(sizes)}. If that was undone since (homed anew, put "
-                   "back), take the effect out of the mechanism file and run compensate again",
-                   NOTE)
-
-
-def _base_axes(machine: Mechanism, known: ParameterCovariance | None, frame: str) -> Iterator[Note]:
-    """Yield that base axes are uncertain themselves, where nothing but tolerances holds them."""
-    fitted = [n for n, r in machine.registrations.items() if r.frame_pose.any()]
-    if known is not None and not frame and known.base_axes is None and fitted:
-        yield Note("where the base axes are, only the tolerances of the base say: the predicted "
-                   f"errors hold that too, those in a measuring frame (--frame {fitted[0]!r}) do "
-                   "not; `frame: {points: ...}` in a sidecar measures the axes", NOTE)
-
-
-def _beyond(found: Compensation, machine: Mechanism, knowledge: ParameterCovariance | None,
-            poses: PoseTable, path: bool) -> Iterator[Note]:
-    """Yield where commands go beyond what was measured, or step beyond what the targets do."""
-    good = sent(found)
-    ranges = measured_ranges(machine, None if knowledge is None else knowledge.volume)
-    yield from extrapolated(machine, found.pose, good, ranges, poses.environment)
-    lost = int(np.sum(good & ~finite_rows(found.command)))
-    if lost:
-        yield Note(f"{pluralize(lost, 'row')} without a corrected pose command (cmd_): the nominal "
-                   "geometry has none; send the joint values there", NOTE)
-    steps = own_steps(machine, found) if path else None
-    if steps is not None and steps.beyond.any():
-        worst = int(steps.beyond.argmax())
-        joint = int(steps.joint[worst])
-        quantity = machine.actuator_quantity[joint]
-        factor, unit = machine.units.factor(quantity), machine.units.name(quantity)
-        yield Note(
-            f"{pluralize(int(np.sum(steps.beyond > 0.0)), 'row')} step beyond their targets' own "
-            f"steps, by {steps.beyond[worst] / factor:.3g} {unit} at most "
-            f"({machine.actuators[joint]}, row {steps.rows[worst] + 1}): what the model's effects "
-            "do there is another than in the row before", NOTE)
-
-
-def _doubts(found: Compensation, machine: Mechanism,
-            knowledge: ParameterCovariance | None) -> list[Note]:
-    """Return where targets lead through stretches that the model is known to miss."""
-    out = []
-    units = machine.units
-    q = np.where(np.isfinite(found.q), found.q, found.q_nominal)    # refused rows too, for it
-    for d in knowledge.doubtful if knowledge else ():
-        joint = machine.actuators.index(d.actuator)
-        factor, unit = machine.joint_units[joint]
-        rows = int(d.holds(q[:, joint]).sum())
-        if rows:
-            out.append(Note(
-                f"{pluralize(rows, 'row')} with {d.actuator} between {d.low / factor:.6g} and "
-                f"{d.high / factor:.6g} {unit}: measurements there missed the model by "
-                f"{d.position / units.factor('length'):.2g} {units.length} rms and were left out "
-                "of the fit; it is in the uncertainty", NOTE))
-    return out
 
 
 def _readings(model: Machine | CalibratedMachine, machine: Mechanism) -> tuple[Readings, list[str]]:
