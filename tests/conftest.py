@@ -32,14 +32,20 @@ def pytest_collection(session):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    """Mark as slow the cases that ``slow_cases`` names by their ids, before any are left out."""
+    """Mark cases as ``slow_cases`` and ``long_cases`` name them by their ids; what is long is slow.
+
+    Before any are left out.
+    """
     seen, named = set(), set()
     for item in items:
-        for mark in item.iter_markers("slow_cases"):
-            test, _, case = item.nodeid.partition("[")
-            seen.add((test, case[:-1]))
-            named.update((test, one) for one in mark.args)
-            if case[:-1] in mark.args:
-                item.add_marker(pytest.mark.slow)
+        test, _, case = item.nodeid.partition("[")
+        for name in ("long", "slow"):
+            for mark in item.iter_markers(f"{name}_cases"):
+                seen.add((test, case[:-1]))
+                named.update((test, one) for one in mark.args)
+                if case[:-1] in mark.args:
+                    item.add_marker(getattr(pytest.mark, name))
+        if item.get_closest_marker("long"):
+            item.add_marker(pytest.mark.slow)
     if named - seen and not any("::" in word for word in config.args):
-        raise pytest.UsageError(f"slow_cases names what is no case: {sorted(named - seen)}")
+        raise pytest.UsageError(f"cases are marked that are none: {sorted(named - seen)}")
