@@ -74,7 +74,7 @@ def _least(problem: Problem, own: Sequence[int], wrong: Sequence[int],
            found: Mapping[int, Interpretation], read: Callable[[Problem], Interpretation | None]
            ) -> dict[int, Interpretation]:
     """Return how targets are to be read beside the one whose frame leaves least to be changed."""
-    data = problem.datasets
+    data, pairs = problem.datasets, list[tuple[Dataset, Sequence[int]]]()
     if not wrong:
         pairs = [(data[i], [j for j in own if j != i]) for i in own]
     elif len(wrong) < len(own):
