@@ -233,7 +233,7 @@ print(json.dumps({"home": there.q[0].tolist(), "apart": float(abs(back.pose - th
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_limb_kind_of_the_page(site):
     """Errors of a drive and of a hinge are found; inverse and forward kinematics agree."""
     got = answer(site, LIMB)
@@ -265,7 +265,7 @@ print(json.dumps({"value": one.value, "sigma": one.sigma, "verdict": found.verdi
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_effect_of_the_page(site):
     """It is simulated, fitted, and named among all others where the model lacks it."""
     scenario = {
@@ -280,7 +280,7 @@ def test_the_effect_of_the_page(site):
     assert (got["verdict"], got["named"]) == ("named", [["warm_up", ["leg2"]]])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_controller_of_the_page(site, tmp_path):
     """Offsets of drives that are off come out as they are; other errors of geometry cost."""
     tree = yaml.safe_load(ppmcal.shipped("3-RPR").read_text(encoding="utf-8"))

@@ -199,6 +199,7 @@ def of_engines() -> Iterator[tuple[str, ast.AST]]:
                 yield path.relative_to(PACKAGE).as_posix(), node
 
 
+@pytest.mark.long
 def test_what_carries_sentences_of_engines_is_declared_to_hold_notes() -> None:
     """So mypy finds whoever puts a bare text there, however it is made."""
     declared = [(path, node.lineno, ast.unparse(node.annotation)) for path, node in of_engines()

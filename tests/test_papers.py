@@ -268,7 +268,7 @@ def by_command(folder: Path, machine: str, *options: str) -> tuple[dict[str, Arr
     return columns, np.stack([v for k, v in columns.items() if k.startswith("q_")], axis=-1)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_helix_of_the_tripod_through_files(tmp_path: Path) -> None:
     """[IK] section 3.2: H on the helix, legs by eq. 29-31, the turn by eq. 27, and back."""
     columns, q = by_command(tmp_path, "3-RPS", "--tool", "0,0,17", "--rotation", "euler-xyz")

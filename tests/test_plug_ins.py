@@ -164,7 +164,7 @@ def parameter(folder: Path, name: str) -> dict[str, str]:
     return next(r for r in rows(folder / "i" / "parameters.csv") if r["name"] == name)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_effect_of_another_package(tmp_path: Path, site: Path) -> None:
     """A reversal that grows with the travel, through all commands, against an input of its own."""
     run = runner(tmp_path, site)
@@ -242,7 +242,7 @@ def test_what_tells_it_apart_is_its_own(tmp_path: Path, site: Path) -> None:
     assert "clamp the belt" in python(tmp_path / "ask.py", site)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_constant_that_a_search_has_to_scan(tmp_path: Path, site: Path) -> None:
     """A knee in the temperature: found on the kind's own grid, fitted, and a plan must have it."""
     run = runner(tmp_path, site)
@@ -260,7 +260,7 @@ def test_a_constant_that_a_search_has_to_scan(tmp_path: Path, site: Path) -> Non
     assert "without its knee" in " ".join(refused.err.split())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_limb_of_another_package(tmp_path: Path, site: Path) -> None:
     """Carriages on brackets, through all commands; one bracket is not as drawn."""
     run = runner(tmp_path, site)

@@ -70,6 +70,7 @@ def event_of(name: str) -> dict[str, Any]:
     return dict(json.loads(path.read_text(encoding="utf-8")))
 
 
+@pytest.mark.long_cases("015", "016")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["000", "013", "015", "016", "024"])
 def test_with_priors_rods_stay_and_touches_left_out_are_predicted(name: str) -> None:
@@ -108,6 +109,7 @@ def printer_of(event: dict[str, Any], folder: Path) -> Problem:
     return Problem(mechanism, read_campaign(paths, mechanism), mechanism.free)
 
 
+@pytest.mark.long_cases("016-0-1.0", "016-4-0.5")
 @pytest.mark.parametrize(("name", "row", "off"), [
     ("015", 0, -1.0), ("015", 7, 1.0), ("016", 0, 1.0), ("016", 4, 0.5)])
 @pytest.mark.slow
@@ -123,7 +125,7 @@ def test_a_caliper_read_wrongly_is_left_out_and_is_no_noise(name: str, row: int,
     assert np.allclose(factor, clean, rtol=0.15)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_calipers_that_contradict_good_touches_are_told(tmp_path: Path) -> None:
     """The noise of both, estimated together, would hide it: the bed is missed by twice as much."""
     path = DATA / "hard" / "calipers-against-touches" / "printer.cfg"
@@ -159,7 +161,7 @@ def test_a_printer_calibrated_from_its_event_predicts_its_bed(name: str) -> None
     assert 0.005e-3 < flat.smooth < 0.04e-3 and flat.scatter < 0.06e-3
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["mesh20", "mesh26"])
 def test_one_bed_probed_to_and_fro_has_no_plain_backlash(name: str) -> None:
     """Of mesh26 something changes sign with the way, and a slow course of the bed does as well."""
@@ -195,7 +197,7 @@ def test_leaning_towers_against_rods_on_touches_left_out() -> None:
     assert towers < rods - 0.0005
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_successive_calibrations_are_compared(capsys: pytest.CaptureFixture[str]) -> None:
     """Endstops that were set anew are named, tied with the bed; no radius is blamed for either."""
     real_priors.repeated(DATA / "delta-events")
@@ -210,7 +212,7 @@ def test_successive_calibrations_are_compared(capsys: pytest.CaptureFixture[str]
     assert len(ratios) >= 4 and 0.5 < sorted(ratios)[len(ratios) // 2] < 2.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_a_day_of_the_rig_says_of_the_other() -> None:
     """Frame anew, each day predicts the other; a curvature of one day is no worse on the other."""
     mechanism, days = real_sessions.rig(DATA / "stewart-jugglebot")
@@ -232,7 +234,7 @@ def test_two_days_of_the_rig_are_fitted_to_the_minimum() -> None:
     assert normal_step(fit.problem, fit.state, fit.information, fit.prior).step()[1] < 1e-5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_cable_robot_that_hardly_turns_is_fitted_with_frame_and_target_unknown() -> None:
     """The closed form of both is 0.14 m off, of the frame alone less."""
     folder = DATA / "hard" / "cable-planar"
@@ -261,7 +263,7 @@ def test_exact_data_with_a_sigma_of_a_nanometre_are_identified() -> None:
     assert [f for f in found.findings if f.startswith(f"{LEFT_OUT}: how far sessions")]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_half_of_the_touches_is_not_explained_away_and_predicts_the_other() -> None:
     """284 touches of one height: nothing is learned of that height."""
     (path,) = (DATA / "delta-rostock").glob("*.csv")

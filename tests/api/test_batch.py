@@ -65,7 +65,7 @@ def table(out):
     return parquet.read_table(out / "campaigns.parquet").to_pylist()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_each_campaign_has_the_bytes_of_its_command_alone(fleet, alone, tmp_path):
     out, _ = alone
     wanted = {k: v for k, v in tree(out).items() if k.startswith("m02/")}
@@ -133,7 +133,7 @@ def test_nothing_is_done_twice(fleet, alone):
     assert {p: p.stat().st_mtime_ns for p in before} == before
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_workers_of_a_cluster_give_the_same_bytes(fleet, alone, tmp_path):
     distributed = pytest.importorskip("distributed")
     manifest, out = copied(fleet, tmp_path)
@@ -154,7 +154,7 @@ def _campaigns_run():
     return int("ppmcal.commands.batch.campaign" in sys.modules)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_killed_batch_goes_on_in_two_processes_with_the_same_bytes(fleet, alone, tmp_path):
     manifest, out = copied(fleet, tmp_path)
     kept = out / KEPT
@@ -217,7 +217,7 @@ def test_campaigns_with_points_in_their_names_have_notes_of_their_own(tmp_path):
     assert {n.suffix for n in notes} == {".json"}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_is_new_is_run_again(done):
     manifest, out = done / "fleet.yaml", done / "out"
     compared = "m00/2026-03-12/compare-identify"
@@ -246,7 +246,7 @@ def test_what_is_new_is_run_again(done):
     assert finished_before(done) == {FIRST}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_measurement_that_comes_while_its_campaign_runs_is_new(one, monkeypatch):
     manifest, out = one / "fleet.yaml", one / "out"
     data = one / "runs/m00/2026-03-12/measurements.csv"
@@ -270,7 +270,7 @@ def test_a_measurement_that_comes_while_its_campaign_runs_is_new(one, monkeypatc
     assert again.provenance["inputs"][str(one / name)] == digest_of(data) != was
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_results_that_were_edited_are_not_replaced(done):
     manifest, out = done / "fleet.yaml", done / "out"
     own = out / FIRST / "parameters.csv"
@@ -284,7 +284,7 @@ def test_results_that_were_edited_are_not_replaced(done):
     assert own.read_text() != "mine\n"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_mixture_that_a_killed_run_left_is_replaced(done):
     """Where files are moved one by one, some are new and some are old after a kill in between."""
     out = done / "out"
@@ -334,7 +334,7 @@ def test_a_fault_of_the_program_ends_one_campaign_alone(one, monkeypatch):
     assert found.has_findings
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_diagnosis_and_a_compensation_are_run_too(done):
     manifest = done / "fleet.yaml"
     (done / "targets.csv").write_text("x,y,rz\n500,290,10\n510,280,12\n")
@@ -360,7 +360,7 @@ def test_a_diagnosis_and_a_compensation_are_run_too(done):
         r.campaign for r in found.records[:2]}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_all_units_share_is_the_designs(tmp_path):
     manifest = write_fleet(tmp_path, machines=8, dates=("2026-01-10",), own=0.03, rows=24)
     found = face.batch(manifest, tmp_path / "out", cores=1)

@@ -108,7 +108,7 @@ def test_figures_of_the_axes_are_those_of_iso_230_2(record: dict[str, Any], by_h
             assert value(record, symbol, leg) == pytest.approx(wanted, rel=1e-4), (symbol, leg)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_figure_that_the_rows_do_not_allow_says_why(bench: Path) -> None:
     write_about(bench, "strict.yaml")
     found = certificate(bench, "val.csv", "--about", "strict.yaml", out="strict")
@@ -119,7 +119,7 @@ def test_a_figure_that_the_rows_do_not_allow_says_why(bench: Path) -> None:
     assert value(found, "B", "leg1") > 0.0    # six approaches from each side are enough for it
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_row_that_is_typed_wrong_counts_nowhere_and_is_told(bench: Path, tmp_path: Path,
                                                               record: dict[str, Any]) -> None:
     folder = Path(shutil.copytree(bench, tmp_path / "own"))
@@ -309,6 +309,7 @@ def test_an_instrument_has_to_be_named_and_calibrated(bench: Path, more: dict[st
 # ---- files
 
 
+@pytest.mark.long_cases("3-RPS", "6-UPS", "delta-rotary", "maslow")
 @pytest.mark.parametrize("kind", ["3-RPR", *(pytest.param(k, marks=pytest.mark.slow)
                                             for k in KINDS if k != "3-RPR")])
 def test_the_digital_certificate_is_valid(bench: Path, tmp_path: Path, kind: str) -> None:
@@ -365,7 +366,7 @@ def test_results_in_python(bench: Path, monkeypatch: pytest.MonkeyPatch) -> None
     assert len(frame["value"]) == len(found.record.figures)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_folder_of_validate_certifies_the_same_and_is_made_again(bench: Path) -> None:
     ppmcal("validate", "identified", "val.csv", "--quiet", cwd=bench)
     found = certificate(bench, "validated", "--about", "about.yaml", out="by-folder")

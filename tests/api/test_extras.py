@@ -145,7 +145,7 @@ def test_kinematics_without_how_well_the_model_is_known(folders, break_):
     assert "not known" in bare.headline() and "kinematics.json" in bare.files()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_plan_without_its_comparisons(break_):
     whole = ppmcal.plan(BENCH, count=4, seed=1)
     break_((planning, "_against"))

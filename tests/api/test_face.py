@@ -294,7 +294,7 @@ def test_the_python_block_of_the_readme_runs(tmp_path, monkeypatch):
     assert list(written["status"]) == ["ok", "ok"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_notebook_runs_and_says_what_its_text_says(capsys):
     """Every cell, in order; the hidden backlash is named and the commands are right."""
     cells = [c for c in json.loads(NOTEBOOK.read_text())["cells"] if c["cell_type"] == "code"]

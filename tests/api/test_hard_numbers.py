@@ -238,7 +238,7 @@ def test_singular_poses_in_tables(rz):
     refused("singular", lambda: face.plan(machine, candidates=only, count=4))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_one_pose_and_the_same_pose_again():
     once, again = poses((500, 288.675, 30)), poses(*[(500, 288.675, 30)] * 4)
     same = [had(face.inverse(TREE, p)).q for p in (once, again)]
@@ -315,7 +315,7 @@ def test_poses_hardly_apart_tell_no_more_than_sound_ones(bench, identified, apar
 # --- sizes --------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("factor", [1e-6, pytest.param(1e2, marks=pytest.mark.slow)])
 def test_designs_of_any_size_give_scaled_answers(factor):
     machine, _ = at_scale(factor)
@@ -336,7 +336,7 @@ def test_designs_of_any_size_give_scaled_answers(factor):
     assert other.deflection[..., :3] == pytest.approx(one.deflection[..., :3], rel=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("factor", [1e-6, 1e2])
 def test_plans_and_tolerances_of_any_size(factor):
     machine, _ = at_scale(factor)
@@ -350,6 +350,7 @@ def test_plans_and_tolerances_of_any_size(factor):
     assert other == pytest.approx(one * factor, rel=1e-4)
 
 
+@pytest.mark.long_cases("100.0")
 @pytest.mark.slow
 @pytest.mark.parametrize("factor", [pytest.param(1e-6, marks=pytest.mark.slow), 1e2])
 def test_campaigns_of_any_size(identified, bench, tmp_path, factor):
@@ -512,7 +513,7 @@ def test_one_row_in_five_wrong_is_left_out_of_a_validation(bench, identified):
     assert judged.errors[0].noise < 1.5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_validate_says_that_rows_are_of_another_machine(bench, identified):
     other = tree()
     for i, limb in enumerate(other["limbs"]):

@@ -31,7 +31,7 @@ def columns(path: Path, start: str) -> list[str]:
                 if name.startswith(start)]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_tables_and_exports_have_driven_joints_alone(tmp_path: Path) -> None:
     ppmcal("simulate", CONFIG, SCENARIO, "--out", "sim", cwd=tmp_path, expect=0)
     assert columns(tmp_path / "sim" / "measurements.csv", "q_") == JOINTS
@@ -72,7 +72,7 @@ def test_effects_of_joints_are_of_the_driven_and_heat_is_of_all() -> None:
     np.testing.assert_allclose(change[3, "base.point.x"], 0.02 * 2e-5 * 5.0, rtol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_error_of_a_passive_limb_is_named_and_of_no_joint() -> None:
     tree = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
     scenario = yaml.safe_load(SCENARIO.read_text(encoding="utf-8"))

@@ -81,6 +81,9 @@ def checked(desk: Path, *words: object, code: int, cwd: Path | None = None):
     return found["runs"]
 
 
+@pytest.mark.long_cases(
+    "certify-of-desk", "compared", "diagnosed", "figures-of-desk", "identified-may", "plan",
+    "reported", "stiffness", "tol", "validated", "ws")
 @pytest.mark.slow_cases("imported", "identified", "kin")
 @pytest.mark.parametrize("name", [
     n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in WRITING])
@@ -97,7 +100,7 @@ def test_what_a_command_wrote_is_made_again_byte_by_byte(desk: Path, name: str) 
     assert len(runs) == (2 if name == "batch" else 1)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_folders_of_the_demo(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Its diagnosis, half of its time, is not made again: one is above."""
     demo = shared_demo(tmp_path_factory)
@@ -229,7 +232,7 @@ def test_results_of_python(desk: Path, tmp_path: Path, monkeypatch: pytest.Monke
     assert "in memory" in found.findings[0]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_refused_diagnosis(desk: Path, tmp_path: Path) -> None:
     own = copied(desk, tmp_path)
     text = (own / "run1.csv").read_text().splitlines()
@@ -344,7 +347,7 @@ def test_names_of_files_in_a_record_stay_in_the_folder(desk: Path, tmp_path: Pat
     assert "../mine.yaml" not in [f["file"] for f in run["files"]]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_nothing_is_left_in_the_temporary_folder(desk: Path, tmp_path: Path,
                                                  monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "temporary").mkdir()
@@ -357,7 +360,7 @@ def test_nothing_is_left_in_the_temporary_folder(desk: Path, tmp_path: Path,
 # ---- another machine's arithmetic
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_another_processor_is_within_bounds(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As one without AVX: OpenBLAS and NumPy take other kernels."""
     monkeypatch.setenv("OPENBLAS_CORETYPE", "Prescott")
@@ -488,7 +491,7 @@ def reworded(monkeypatch: pytest.MonkeyPatch) -> None:
                         text(self).replace("uncalibrated machine", "machine as it was"))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_older_version_s_words_are_told_and_fail_nothing(
         desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     own = copied(desk, tmp_path, "identified")

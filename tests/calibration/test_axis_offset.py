@@ -48,7 +48,7 @@ def simulated(folder: Path, errors: dict[str, float]) -> None:
     ppmcal("simulate", "m.yaml", "s.yaml", "--out", "s", cwd=folder, expect=0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @each
 def test_identify_finds_the_offsets_and_compensate_undoes_them(kind: str, body: str,
                                                                tmp_path: Path) -> None:
@@ -77,7 +77,7 @@ def test_identify_finds_the_offsets_and_compensate_undoes_them(kind: str, body: 
     assert np.abs(machines.difference(at, wanted)).max() < 1e-9
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_diagnose_names_one_hidden_millimetre(tmp_path: Path) -> None:
     """The file gives the first axes and no offset; one leg's axes are 1 mm apart."""
     kind, body = "U(P)S", "platform"
@@ -95,7 +95,7 @@ def test_diagnose_names_one_hidden_millimetre(tmp_path: Path) -> None:
     assert abs(size["value"] - 1.0) < 4.0 * size["sigma"] < 0.8
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "body"), [("U(P)S", "base"), ("(P)US", "platform")])
 def test_the_other_commands_take_such_a_machine(kind: str, body: str, tmp_path: Path) -> None:
     """Check, sensitivity, stiffness, tolerances and workspace: sound, and with the slot in them."""

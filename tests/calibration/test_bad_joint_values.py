@@ -51,6 +51,7 @@ def exchanged(data, *pairs):
     return replace(data, q=data.q[:, order])
 
 
+@pytest.mark.long_cases("cables-0.0", "cables-0.0002")
 @pytest.mark.parametrize("scatter", [0.0, 2e-4])
 @pytest.mark.parametrize("tree", [belts, cables], ids=["belts", "cables"])
 @pytest.mark.slow_cases("cables-0.0", "cables-0.0002")
@@ -62,6 +63,7 @@ def test_a_rope_that_stands_still(tree, scatter, tmp_path):
     assert f"q_{('br', 'c1')[tree is cables]} hardly changes while the other joints move" in text
 
 
+@pytest.mark.long_cases("cage")
 @pytest.mark.parametrize(("tree", "joint", "part"), [
     (belts, "br", 0.6), (belts, "br", 1.0), (rope_cage, "r2", 0.6)],
     ids=["belts", "belts in all rows", "cage"])
@@ -94,6 +96,7 @@ def test_readings_at_one_place(tmp_path):
     assert "at least 3 places" in text
 
 
+@pytest.mark.long_cases("cables-pairs2", "rope_cage-pairs3")
 @pytest.mark.parametrize(("tree", "pairs"), [
     (belts, [(0, 2)]), (belts, [(2, 3)]), pytest.param(cables, [(0, 2)], marks=pytest.mark.slow),
     pytest.param(rope_cage, [(0, 1)], marks=pytest.mark.slow)])
@@ -132,6 +135,7 @@ def test_points_that_leave_the_platform_free(tree, cause, tmp_path):
     assert any(cause in f for f in ppmcal.check(path).findings)
 
 
+@pytest.mark.long_cases("cables", "rope_cage")
 @pytest.mark.parametrize("tree", [belts, *(pytest.param(
     tree, marks=pytest.mark.slow) for tree in (cables, rope_cage))])
 @pytest.mark.slow
@@ -140,7 +144,7 @@ def test_what_is_right_is_not_refused(tree, tmp_path):
     assert ppmcal.identify(path, data).identification.fit.converged
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_rows_too_few_are_counted_against_parameters(tmp_path):
     path, data = measured(tmp_path, cables())
     text = refused(path, data.take(np.arange(len(data)) < 2))
@@ -163,6 +167,7 @@ def hangprinter(folder, count=60):
         limb["name"] for limb in file["limbs"]]
 
 
+@pytest.mark.long_cases("0-True")
 @pytest.mark.parametrize(("which", "longer"), [(0, True), (3, True), (3, False)])
 @pytest.mark.slow
 def test_of_one_contradiction_the_sign_tells_what_may_be_slack(which, longer, tmp_path):

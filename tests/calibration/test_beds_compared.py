@@ -64,7 +64,7 @@ def changed(mechanism: Mechanism, known: Sequence[Posterior]) -> Comparison:
                    np.random.default_rng(0))[0]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_one_fit_to_both_finds_no_change_where_a_linear_step_does(tmp_path: Path) -> None:
     path, *tables = printer(tmp_path)
     machine = read_mechanism(path)
@@ -81,7 +81,7 @@ def test_one_fit_to_both_finds_no_change_where_a_linear_step_does(tmp_path: Path
         assert not both.changed and both.p_value > 0.05
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_command_says_so_and_how(tmp_path: Path) -> None:
     """On the console, on the page, and again when the folder is verified."""
     machine, known, alone = printer(tmp_path)

@@ -37,7 +37,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_it_is_the_same_in_every_command(bench: Path) -> None:
     """Of the nominal machine: neither the fit's start nor effects that it found are in it."""
     data = bench / "s" / "measurements.csv"
@@ -59,7 +59,7 @@ def test_it_is_the_same_in_every_command(bench: Path) -> None:
     assert of_batch[0] == of_batch[1] == {k: v["rms"] for k, v in stages["before"].items()}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_console_and_files_say_it(bench: Path, tmp_path: Path) -> None:
     told = []
     for command, more in (("identify", []), ("diagnose", ["--kind", "backlash"])):
@@ -75,7 +75,7 @@ def test_console_and_files_say_it(bench: Path, tmp_path: Path) -> None:
     assert "geometry_x" not in columns(tmp_path / "identify" / "residuals.csv")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_rows_that_are_not_in_use_do_not_place_the_instrument(bench: Path) -> None:
     """A gross error has a residual, and no say in where the frame stands."""
     found = face.identify(bench / "m.yaml", bench / "s" / "measurements.csv").identification

@@ -149,7 +149,7 @@ def sister() -> Mechanism:
     return replace(machine(NAME), parameters=tuple(parameters))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_files_of_one_frame_are_each_looked_at_alone() -> None:
     (found,) = check(sister(), three()[:2]).misreadings
     assert found.mistakes[0].kind == "other-machine"
@@ -172,7 +172,7 @@ def test_a_frame_is_another_data_sets(own: str, others: tuple[str, ...], words: 
     assert "sidecar of" in str(refused.value)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_leg_homed_anew_is_one_event_for_all_targets() -> None:
     found = diagnose(machine(NAME), three(REHOMED), seed=3)
     record = found.record

@@ -124,7 +124,7 @@ def replace_values(mechanism: Mechanism, found: Posterior) -> Mechanism:
     return mechanism.with_values(g)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_nothing_changed_is_uniform() -> None:
     """p-values of unchanged machines are uniform, single ones too, and differences have sigma."""
     found = [c for c, _ in campaigns(25, 0.0)]
@@ -150,7 +150,7 @@ def test_a_change_shows_at_the_platform_beside_what_noise_makes() -> None:
         assert moved and moved.position_rms > 4.0 * moved.position_chance > 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_change_is_named_with_its_interval() -> None:
     """One offset moved between the sessions: it is named, alone or among those as good."""
     found = campaigns(12, 1.5e-4)
@@ -186,7 +186,7 @@ def in_both(whole: Mechanism, data: list[Dataset], poorer: int, without: str) ->
     return between(whole.with_values(at), first, second, {}, np.random.default_rng(0))[0]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_only_one_calibration_could_fit_is_no_change() -> None:
     """Nothing changed; one fit had the platform's joints free, the other one held them."""
     whole = machine("3-RPR")
@@ -236,7 +236,7 @@ def worn_pairs(name: str, count: int, without: str, change: float) -> list[Compa
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_a_model_misses_is_no_change_whatever_was_free() -> None:
     """Misfit of five times the noise scales the covariance: 5 % are told changed at 5 %."""
     p = np.array([c.p_value for c in worn_pairs("3-RPR", 20, ".platform.", 0.0)])
@@ -266,7 +266,7 @@ def worn_unlike(seed: int) -> Comparison:
     return between(replace_values(whole, own[1]), own[0], own[1], {}, rng)[0]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_rows_of_a_worn_place_that_one_fit_left_out_are_no_change() -> None:
     """Fits leave out rows of the worn places, or of the rest, or none: that is chance."""
     p = np.array([worn_unlike(seed).p_value for seed in range(20)])
@@ -294,7 +294,7 @@ def test_rows_left_out_are_misfit_and_a_gross_one_is_no_more_than_that() -> None
     assert noise(8, 12.0) > 1.5 * clean
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_change_beyond_what_the_model_misses_is_found() -> None:
     found = worn_pairs("3-RPR", 8, ".platform.", 60.0 * POSITION)
     assert sum(c.changed for c in found) >= 7
@@ -523,7 +523,7 @@ def test_a_flat_calibration_claims_no_more_than_its_data(sessions: Path, tmp_pat
     assert run.json["degrees"] == 9 and run.json["p_value"] > 1e-3
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_noise_that_was_stated_too_small_is_one_matter(sessions: Path, tmp_path: Path) -> None:
     """Both commands take the noise as the residuals show it; a change is not made up from it."""
     for label in "AB":
@@ -546,7 +546,7 @@ def test_noise_that_was_stated_too_small_is_one_matter(sessions: Path, tmp_path:
     assert ("machine has changed" in words) == (found["verdict"] == "changed")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_changed_stiffness_is_named(tmp_path: Path) -> None:
     """A parameter whose steps are taken in its reciprocal, in units far from the others'."""
     ppmcal("init", "3-RPR", cwd=tmp_path, expect=0)

@@ -31,7 +31,7 @@ def fitted(folder, tree, sigma=0.0, seed=7, **more):
     return made, ppmcal.identify(path, made.data[0], holdout=0.0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_intervals_cover_where_gaps_are_all_the_noise(tmp_path):
     """Forty machines: chi-squared of the errors in the frames defined, by the covariance told."""
     tree = {**gapped(belts(), (0.5, 0.2, 0.3, 0.1)), "tolerances": {"point": 4}}
@@ -55,7 +55,7 @@ def test_intervals_cover_where_gaps_are_all_the_noise(tmp_path):
     assert 0.93 < np.sqrt(np.mean(np.square(ratio))) < 1.07
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_gaps_of_next_to_nothing_change_no_number(tmp_path):
     _, plain = fitted(tmp_path, belts(), 0.3)
     path = written(tmp_path, gapped(belts(), (1e-7,)), "gapped.yaml")
@@ -77,7 +77,7 @@ def test_a_limb_that_gaps_counts_less(tmp_path):
     assert 0.7 < found.identification.noise.sigma_ratio < 1.3
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_where_nobody_says_it_joints_are_exact_if_all_limbs_gap(tmp_path):
     """No `actuator` in the sidecar: with an instrument, and by joint values alone."""
     made, found = fitted(tmp_path, gapped(belts()))
@@ -139,7 +139,7 @@ def both_ways(folder):
     return out
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_gap_of_ropes_is_as_good_as_their_drives_noise(tmp_path):
     """What is planned, identified and validated is the same by either."""
     made = ppmcal.simulate(written(tmp_path, belts()), alone(belts(), HALF, sigma=0.3, count=60))

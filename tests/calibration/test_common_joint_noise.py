@@ -34,7 +34,7 @@ def with_joints_of_their_own(whole: Problem) -> Problem:
 
 
 @pytest.mark.parametrize("count", [2, 3])
-@pytest.mark.slow
+@pytest.mark.long
 def test_intervals_cover_what_is_true_where_the_noise_is_of_the_joints(
         tmp_path: Path, count: int) -> None:
     total = square = 0.0

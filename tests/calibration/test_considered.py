@@ -81,7 +81,7 @@ def test_estimates_err_with_what_is_held_as_is_foretold() -> None:
                                    atol=0.02 * np.abs(kept.gain[:, c]).max())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_promises_count_what_was_held_as_far_as_nothing_made_up_for_it() -> None:
     """Machines drawn from all tolerances, the rods too, which touches of a flat alone leave held.
 

@@ -60,7 +60,7 @@ def tail(total: float, mean: float, variance: float) -> float:
     return 2.0 * float(min(gammainc(shape, x), gammaincc(shape, x)))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_every_campaign_converges() -> None:
     assert len(study()) == sum(CAMPAIGNS.values())
     assert {r["converged"] for r in study()} == {"True"}

@@ -128,7 +128,7 @@ def test_blocks_of_one_session_see_what_is_smooth(curved: bool) -> None:
     assert any("smooth over" in f for f in result.findings)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_promise_and_coverage_where_sessions_differ() -> None:
     found = [study.run("delta-linear", study.Setting(3, True), seed) for seed in range(1, 13)]
     inside, alone = (np.concatenate([getattr(o, n) for o in found]) for n in ("inside", "by_noise"))

@@ -210,7 +210,7 @@ def test_what_both_miss_alike_is_no_noise() -> None:
     assert found.changed and "leg2.offset" in tied(found)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_is_missed_at_other_poses_is_noise() -> None:
     """Elsewhere it does not cancel: chi-squared of pairs without a change stays near its mean."""
     mechanism, sizes, named = machine("3-RPR"), [], 0

@@ -81,7 +81,7 @@ def test_an_estimate_is_judged_by_what_such_data_find(stage: Mechanism, prior: s
     assert judged > 5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_machines_within_their_tolerances_are_hardly_ever_told(stage: Mechanism) -> None:
     """Of 20 more than one has a chance below 1e-3; what they find is as large as expected."""
     told, away = 0, []

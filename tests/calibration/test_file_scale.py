@@ -117,7 +117,7 @@ def test_a_wrong_scale_is_refused(raw: object, kind: str, words: str) -> None:
     assert "side.yaml: scale" in error.value.where and words in str(error.value)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_identify_writes_the_scale_and_reads_it_back(tmp_path: Path) -> None:
     ppmcal("init", "6-UPS", "--out", "m.yaml", cwd=tmp_path, expect=0)
     ppmcal("simulate", "m.yaml", "m.scenario.yaml", "--out", "d", cwd=tmp_path)

@@ -46,7 +46,7 @@ def test_shape_and_scatter_are_told_apart(tmp_path: Path, unknown: bool) -> None
     assert 1.5e-5 < found.smooth < 5.5e-5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_flat_flat_has_no_shape(tmp_path: Path) -> None:
     found = [shape_of(tmp_path, seed, 0.0, 60) for seed in range(20)]
     assert sum(f.p_value < 0.05 for f in found) <= 4

@@ -66,7 +66,7 @@ def test_leaning_towers_are_kept_where_they_lean_and_only_there(printer):
         assert ("better by more than a standard error" in choice_sentence(choice)) == leaning
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_noise_does_not_flip_the_choice(printer):
     kept = [chosen(printer, measured(printer, False, 20 + n, 24))[1].kept for n in range(20)]
     assert sum(k > 1 for k in kept) <= 3

@@ -110,7 +110,7 @@ def test_an_effect_that_is_not_there_makes_it_worse(stage, truth):
     assert [e.sure for e in found.errors][1:] == [1, 1, 1]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_command_says_so_and_exits_with_1(stage, truth, tmp_path):
     """Effects that make the day worse than the geometry alone are a finding; those that help none.
     """
@@ -157,7 +157,7 @@ def test_errors_agree_with_a_fit_of_the_frame_by_other_means(truth, day):
     assert found.errors[0].position["rms"] == pytest.approx(own, rel=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_zeros_that_moved_between_days_are_demanded(truth, day):
     (data,) = day
     shifted = replace(data, q=data.q + np.array([3e-4, -2e-4, 4e-4]))
@@ -188,7 +188,7 @@ def test_two_rows_are_refused(truth, day):
         validated(with_and_without(truth), [data.take(np.arange(2))])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_false_certainty_is_rare(stage, truth):
     """A machine off by far less than the noise is surely better or worse one day in twenty."""
     rng, sure = np.random.default_rng(3), []
@@ -205,7 +205,7 @@ def test_false_certainty_is_rare(stage, truth):
 # ---------------------------------------------------------------- face, files, words
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_face_judges_against_nominal_and_others(truth, stage, day, tmp_path):
     calibrated = ppmcal.identify(stage, ppmcal.simulate(stage, scenario(7, EFFECTS)).data,
                                  holdout=0.0)
@@ -244,7 +244,7 @@ def test_a_folder_without_a_model_is_refused(day, tmp_path):
         ppmcal.validate(tmp_path, day)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_diagnose_validates_each_session_from_the_others(stage):
     days = [ppmcal.simulate(stage, scenario(11 + i, EFFECTS)).data[0] for i in range(2)]
     days = [replace(d, name=f"day{i}") for i, d in enumerate(days)]
@@ -257,7 +257,7 @@ def test_diagnose_validates_each_session_from_the_others(stage):
     assert result.record.confirmed is True
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_value_typed_wrong_counts_for_no_machine(truth, day):
     (data,) = day
     position = data.position.copy()
@@ -286,7 +286,7 @@ def test_a_bed_that_lies_elsewhere_is_demanded(tmp_path):
     assert same.demanded == ()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_row_that_is_wrong_within_tolerances_is_named_and_counts(truth, day):
     """A tolerance of 0.5 mm explains 0.06 mm; the other 79 rows do not."""
     wrong = day[0].position.copy()
@@ -301,7 +301,7 @@ def test_a_row_that_is_wrong_within_tolerances_is_named_and_counts(truth, day):
     assert "does not fit with the others, whatever the geometry" in said and "they count" in said
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_row_beyond_tolerances_is_left_out_and_named(truth, day):
     wrong = day[0].position.copy()
     wrong[17, 1] += 0.05
@@ -311,7 +311,7 @@ def test_a_row_beyond_tolerances_is_left_out_and_named(truth, day):
     assert f"row {day[0].rows[17]} left out" in said
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_rows_of_noise_alone_are_hardly_ever_named(truth, stage):
     """No more than the fit of a clean day leaves out: hardly a row of one day in fifty."""
     days = [ppmcal.simulate(stage, scenario(1000 + n, EFFECTS)).data[0] for n in range(48)]

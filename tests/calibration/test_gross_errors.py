@@ -111,6 +111,7 @@ def test_two_typed_wrong_end_where_the_fit_without_them_ends(tmp_path: Path) -> 
 
 # --- files read wrongly ---------------------------------------------------------------------------
 
+@pytest.mark.long_cases("legs swapped")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MISTAKES)
 def test_a_file_read_wrongly_is_seen_before_any_fit(tmp_path: Path, name: str) -> None:
@@ -133,7 +134,7 @@ def test_what_tolerances_explain_is_no_misreading(tmp_path: Path) -> None:
     assert found.nominal < 1.0 and np.isinf(found.noise)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_machine_far_from_nominal_is_no_misreading() -> None:
     """Sixty tolerances off: a short fit comes near the noise, so the files are read rightly."""
     from dataclasses import replace

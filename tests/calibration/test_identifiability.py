@@ -68,7 +68,7 @@ def test_the_promised_distance_halves_it(tmp_path: Path) -> None:
     assert after.sigma / after.length == pytest.approx(0.5 * before.sigma / before.length, rel=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_uncertainty_of_a_distance_is_true(tmp_path: Path) -> None:
     """Over machines drawn from the tolerances, the error of the distance has that sigma."""
     mechanism = printer(tmp_path)

@@ -120,6 +120,8 @@ EXACT_CASES = [
                                 "tricept", "3-UPU"))]
 
 
+@pytest.mark.long_cases(
+    "pose-cable-4-pulleys", "pose-cable-8-pulleys", "position-delta-rotary-6rods")
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "name"), EXACT_CASES)
 def test_exact_data_give_the_exact_machine(request: pytest.FixtureRequest, name: str, kind: str

@@ -43,6 +43,7 @@ def session(name: str, kind: str, n: int, seed: int, noise: float = 0.0, unknown
     return Problem(mechanism, (data,), mechanism.free), g
 
 
+@pytest.mark.long_cases("6-UPS-pair", "linapod-pair")
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "kind"), CASES)
 def test_derivatives(name: str, kind: str) -> None:
@@ -86,6 +87,7 @@ def white_errors(fit: Fit, g: Array) -> Array:
     return np.asarray((fit.state.g[free] - g[free]) / sigma)
 
 
+@pytest.mark.long_cases("linapod-plane")
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "kind"), [("6-UPS", "point"), ("6-UPS", "pair"),
                                             ("delta-linear", "plane"), ("linapod", "plane")])
@@ -125,7 +127,7 @@ def scenario(folder: Path, name: str, **changes: object) -> None:
     (folder / "s.yaml").write_text(yaml.safe_dump(content | changes))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_commands_with_heights_and_distances(tmp_path: Path) -> None:
     """Simulated, fitted together, reported; residuals under their own names."""
     scenario(tmp_path, "delta-linear", instrument={"kind": "plane", "sigma": {"height": 0.01}},
@@ -159,7 +161,7 @@ def test_commands_with_heights_and_distances(tmp_path: Path) -> None:
     ppmcal("report", "a", "i", "--out", "r", cwd=tmp_path, expect=0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_backlash_in_touches_of_a_flat(tmp_path: Path) -> None:
     """Few rows of one number each: what alternates is not taken for correlated noise."""
     scenario(tmp_path, "delta-linear", instrument={"kind": "plane", "sigma": {"height": 0.01}},

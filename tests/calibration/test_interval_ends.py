@@ -46,6 +46,7 @@ def fitted(mechanism: Mechanism, data: Dataset) -> Fit:
     return identify(Problem(mechanism, (few,), mechanism.free), FitOptions(robust=False))
 
 
+@pytest.mark.long
 def test_no_module_has_an_interval_of_its_own() -> None:
     """Where 1.96 is used, the size of the noise, or of a tolerance, is known."""
     using = {str(p.relative_to(PACKAGE)) for p in PACKAGE.rglob("*.py") if any(

@@ -192,7 +192,7 @@ def test_frames_and_all_else_at_once_tell_nothing(campaign, plain, seed):
     assert found[4] == plain[4]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_is_said_of_it_is_the_same_from_every_side(campaign, tmp_path):
     """The console's own sentence, for check and for identify."""
     said = set()
@@ -277,7 +277,7 @@ def test_a_turned_base_has_the_same_sets(seed, turn):
 # --- decisions of diagnose ----------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_verdict_does_not_feel_how_the_campaign_is_written(tmp_path):
     """Limbs in another order and under other names, rows in other units."""
     ppmcal("init", "3-RPR", "--out", tmp_path / "mine.yaml", expect=0)

@@ -166,7 +166,7 @@ def campaigns():
     return of
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("kind", QUICK)
 def test_everything_at_once_tells_nothing(campaigns, kind):
     _, plain = campaigns(kind)
@@ -197,6 +197,7 @@ def test_each_by_itself_tells_nothing(campaigns, kind, changed):
         assert found.redundant == plain.redundant
 
 
+@pytest.mark.long_cases("3-RPS", "delta-rotary")
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ROWS)
 def test_everything_at_once_tells_nothing_again(campaigns, kind):
@@ -222,7 +223,7 @@ def judged(record, machine):
     return said, figures
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["6-UPS", "delta-linear"])
 def test_validate_judges_the_same(campaigns, kind):
     (said, figures), (again, others) = (
@@ -264,7 +265,7 @@ def named(one, words):
         for e in found.record.effects)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_diagnose_says_the_same_of_a_machine_in_space():
     """A 3-RPS with backlash; rows keep their order, which is the machine's way."""
     one = campaign("3-RPS", 40, **HIDDEN)

@@ -116,6 +116,7 @@ EFFECTS = [{"kind": "backlash", "parameters": {"width": {"value": 0.05, "free": 
                "rx_fz": {"value": 1e-5, "tolerance": 1e-5, "free": True}}}]
 
 
+@pytest.mark.long_cases("seven drives", "seven legs")
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.slow_cases("tilt", "universal", "noisy drives", "seven legs", "seven drives")
 def test_rows_move_as_differences_say(case):
@@ -203,7 +204,7 @@ def test_one_passive_encoder_alone_is_a_calibration_too():
     assert gauge.startswith("leg1.base.point.x, leg1.base.point.y are held")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_hexapod_with_poses_and_a_set_of_encoders():
     tree = file_of("6-UPS")
     joints = [measured(tree, encoder(f"leg{n}.joint1", 1e-9, offset=20 * n)) for n in (1, 3, 5)]
@@ -216,7 +217,7 @@ def test_a_hexapod_with_poses_and_a_set_of_encoders():
     assert len({d.campaign for d in found.identification.fit.problem.datasets}) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_hexapod_with_positions_and_tilts():
     tree = file_of("6-UPS")
     made, tilts = measured(tree, {**TILT, "sigma": {"rotation": 1e-8}}, count=80, frame={
@@ -232,7 +233,7 @@ def test_a_hexapod_with_positions_and_tilts():
 
 # --- intervals ------------------------------------------------------------------------------------
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_intervals_of_self_calibrations_cover():
     """95 % intervals of nine parameters hold some 95 % of the truths, drawn where nothing is held.
     """

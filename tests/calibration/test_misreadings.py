@@ -125,6 +125,9 @@ def mended(path: Path, block: object) -> None:
     sidecar.write_text(yaml.safe_dump({**text, "read": block}), encoding="utf-8")
 
 
+@pytest.mark.long_cases(
+    "a sign, metres and swapped", "legs swapped", "swapped, and Euler angles",
+    "swapped, and one in inches", "x and y exchanged")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow)
                                   for n in WRONG])
@@ -140,7 +143,7 @@ def test_a_mistake_is_named_and_its_mend_mends(tmp_path: Path, name: str) -> Non
     assert not after.misread and after.nominal < 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_mend_of_the_message_can_be_copied(tmp_path: Path) -> None:
     path = session(tmp_path, both(swapped, euler("xyz")))
     with pytest.raises(InterpretationError) as refused:
@@ -151,6 +154,7 @@ def test_the_mend_of_the_message_can_be_copied(tmp_path: Path) -> None:
     assert misfit(problem_of(path)).nominal < 1.0
 
 
+@pytest.mark.long_cases("in")
 @pytest.mark.slow_cases("in", "m")
 @pytest.mark.parametrize("unit", ["in", "m"])
 def test_sigma_goes_with_the_unit_of_the_whole_file(tmp_path: Path, unit: str) -> None:
@@ -184,7 +188,7 @@ def test_a_sigma_that_is_right_stays(tmp_path: Path) -> None:
     assert "sigma" not in refused.value.hint
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_second_mistake_is_added_to_what_the_sidecar_says_already(tmp_path: Path) -> None:
     path = session(tmp_path, both(swapped, scaled(("x", "y", "z"), 1e-3)))
     mended(path, {"units": {"x": "m", "y": "m", "z": "m"}})
@@ -195,7 +199,7 @@ def test_a_second_mistake_is_added_to_what_the_sidecar_says_already(tmp_path: Pa
                      "units": {"x": "m", "y": "m", "z": "m"}}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("scale", "end", "word"), [(0.5, "platform", "diameter"),
                                                     (2.0, "base", "radius")])
 def test_a_radius_for_a_diameter(tmp_path: Path, scale: float, end: str, word: str) -> None:
@@ -215,7 +219,7 @@ def test_a_radius_for_a_diameter(tmp_path: Path, scale: float, end: str, word: s
     assert word in str(refused.value)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_another_machines_file_has_no_winner_and_nothing_is_written(tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
 
@@ -235,7 +239,7 @@ def test_another_machines_file_has_no_winner_and_nothing_is_written(tmp_path: Pa
 
 # --- what the commands say ------------------------------------------------------------------------
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_commands_tell_the_mistakes(tmp_path: Path) -> None:
     path = session(tmp_path, both(swapped, scaled(("x", "y", "z"), 1e-3)))
     checked = json.loads(ppmcal("check", MACHINE, path, "--json", expect=1).out)
@@ -258,7 +262,7 @@ def test_commands_tell_the_mistakes(tmp_path: Path) -> None:
     assert "q_leg2 and q_leg3 are exchanged" in diagnosed.err
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_stale_rows_are_left_out_and_told(tmp_path: Path) -> None:
     def repeated(rows: list[Row]) -> None:
         for i in (10, 31):
@@ -275,7 +279,7 @@ def test_stale_rows_are_left_out_and_told(tmp_path: Path) -> None:
 
 # --- small mistakes, and none ---------------------------------------------------------------------
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("half", [0.5, 2.0])
 def test_a_small_mistake_is_found_in_what_the_fit_leaves(tmp_path: Path, half: float) -> None:
     """Turns of half a degree: what Euler angles change is within the tolerances."""
@@ -287,7 +291,7 @@ def test_a_small_mistake_is_found_in_what_the_fit_leaves(tmp_path: Path, half: f
     assert "`read: {rotation: euler-xyz}`" in done.err
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_effects_are_no_mistakes(tmp_path: Path) -> None:
     """Backlash of eight times the noise: no other reading explains it."""
     path = simulated(tmp_path, 2.0, [{"kind": "backlash", "on": ["leg1", "leg2"],
@@ -329,7 +333,7 @@ COMPLIANCE = {"kind": "compliance", "parameters": {"stiffness": 800}}
 HEAT = {"kind": "leg_thermal", "parameters": {"expansion": 12e-6}}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("effect", "more", "column", "factor", "plus", "line"), [
     (COMPLIANCE, PAYLOADS, "payload", 1000.0, 0.0, "{units: {payload: g}}"),
     (HEAT, WARM, "temperature", 1.8, 32.0, "{units: {temperature: F}}"),
@@ -450,7 +454,7 @@ def test_a_diameter_is_named_where_home_cannot_be_reached(tmp_path: Path) -> Non
     assert "a diameter for a radius?" in refused.value.hint
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_diameter_that_tolerances_hide_is_named_by_what_the_fit_leaves(tmp_path: Path) -> None:
     problem = campaign(tmp_path, "radius-platform", "crank-hexapod", 120)
     assert not misfit(problem).misread
@@ -460,14 +464,14 @@ def test_a_diameter_that_tolerances_hide_is_named_by_what_the_fit_leaves(tmp_pat
     assert refused.value.found[0].block is None
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_values_typed_wrong_do_not_hide_swapped_columns(tmp_path: Path) -> None:
     found = misfit(campaign(tmp_path, "swapped-and-typos", "hexapod", 120)).readings
     truth = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))
     assert [f.block for f in found] == [truth["mend"]]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_happens_in_mid_run_is_no_misreading(tmp_path: Path) -> None:
     """A drive that slipped a turn: half of the rows are off by millimetres, the first are right."""
     found = misfit(campaign(tmp_path, "slip-turn", "3-RRR", 120, 3.0))
@@ -481,7 +485,7 @@ def test_a_geometry_that_absorbs_another_machine_is_refused(tmp_path: Path) -> N
         refuse_other_machine(identify(problem))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_commands_refuse_the_file_of_another_machine(tmp_path: Path) -> None:
     problem = campaign(tmp_path, "other-machine", "hexapod")
     paths = tmp_path / "mechanism.yaml", tmp_path / "data.csv"
@@ -513,6 +517,9 @@ def test_rows_that_hold_each_others_measurements_are_told(tmp_path: Path, machin
     assert set(mistake.rows) <= set(moved) and len(mistake.rows) > 0.75 * len(moved)
 
 
+@pytest.mark.long_cases(
+    "stretch-mirrored-3-RPR", "stretch-mirrored-delta-rotary", "swapped-at-end-3-RPR",
+    "swapped-at-end-crank-hexapod")
 @pytest.mark.slow
 @pytest.mark.parametrize(("case", "machine"), [
     ("stretch-swapped", "delta-linear"),
@@ -533,6 +540,9 @@ def test_a_mistake_in_a_stretch_is_told_with_its_rows(tmp_path: Path, case: str,
     assert f"rows {true['rows'][0]} to {true['rows'][-1]}" in refused.value.what
 
 
+@pytest.mark.long_cases(
+    "gross-10-delta-linear", "homed-there-and-back-delta-linear", "slip-turn-3-RRR",
+    "slip-turn-hexapod")
 @pytest.mark.slow
 @pytest.mark.parametrize(("case", "machine"), [
     ("slip-turn", "3-RRR"), ("slip-turn", "hexapod"), ("homed-there-and-back", "delta-linear"),
@@ -591,6 +601,7 @@ def test_rows_out_of_order_do_not_keep_the_held_out_fit_from_ending(tmp_path: Pa
     assert figures["position"]["rms"] < 2.0 * inside["position"]["rms"]
 
 
+@pytest.mark.long_cases("backlash-and-heat-hexapod", "gross-10-crank-hexapod")
 @pytest.mark.slow
 @pytest.mark.parametrize(("case", "machine"), [
     ("none", "3-RRR"), ("none", "delta-linear"), ("none", "hexapod"), ("none", "crank-hexapod"),
@@ -631,7 +642,7 @@ def test_check_tells_rows_that_repeat_the_one_before_once(tmp_path: Path) -> Non
     assert said.count("are still those of the row before") == 1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_mistake_is_named_on_a_machine_with_a_hidden_effect_too(tmp_path: Path) -> None:
     """A play of ten times the noise is left by the right reading; by the wrong one everything."""
     path = simulated(tmp_path, 7.0, [{"kind": "backlash", "on": ["leg2"],

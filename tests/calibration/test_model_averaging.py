@@ -131,7 +131,7 @@ def test_a_reading_that_would_send_the_machine_astray_is_left_out(gain: Path) ->
     assert true_error(gain, gain / "cw" / "commands.csv") < 0.02
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_is_unexplained_is_in_the_promise(tmp_path: Path) -> None:
     """A leg's zero jumps in mid-run: no effect of the library, and the fit shares it out."""
     campaign(tmp_path, "")

@@ -103,7 +103,7 @@ def test_what_a_tolerance_holds_is_no_less_certain_for_noise(stage: Mechanism) -
     np.testing.assert_allclose(half, 1.96 * prior, rtol=2e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_noise_stated_too_small_and_not_noticed_leaves_intervals_that_hold(stage: Mechanism
                                                                           ) -> None:
     """1.5 times too small, at 24 degrees of freedom: the check fails in half of the campaigns."""
@@ -135,7 +135,7 @@ def test_the_interval_of_an_estimate_is_that_one(stage: Mechanism) -> None:
             assert 0.5 * (e.interval[1] - e.interval[0]) == pytest.approx(half[column[e.name]])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("stated", "sigma"), [(0.67, "stated"), (1.5, "estimated")])
 def test_intervals_of_few_rows_hold_whatever_noise_is_stated(stated: float, sigma: str) -> None:
     """20 to 60 rows, from end to end: what parameters.csv says against the truth.

@@ -82,7 +82,7 @@ def test_what_the_sidecar_says_of_where_it_was_measured_is_doubted(
     assert mend in " ".join(found.findings) and mend in refused.value.hint
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("change", "kind"), [(as_euler, "rotation"), (in_the_base, "frame")])
 def test_a_mistake_that_tolerances_hide_is_no_other_machine(
         change: Callable[[Dataset], Dataset], kind: str) -> None:
@@ -91,7 +91,7 @@ def test_a_mistake_that_tolerances_hide_is_no_other_machine(
     assert said(machine, data) == [[(data.source, kind)]] * 2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_row_late_on_a_dense_path_is_no_other_machine() -> None:
     center = {"x": 0, "y": 0, "z": 2000, "rx": 0, "ry": 0, "rz": 0}
     machine, data = measured("6-UPS", poses={"circle": {
@@ -100,7 +100,7 @@ def test_a_row_late_on_a_dense_path_is_no_other_machine() -> None:
     assert said(machine, data) == [[(data.source, "shifted")]] * 2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_who_mistakes_one_file_mistakes_the_next() -> None:
     machine, first = hexapod()
     second = replace(hexapod(seed=99)[1], name="second", source="second.csv")

@@ -46,6 +46,7 @@ def judged(mechanism, data):
     return ValidationRecord.of_validation(found, noise, "m", mechanism.units, {}, ()).datasets[0]
 
 
+@pytest.mark.long_cases("3-RPR")
 @pytest.mark.parametrize("name", ["3-RPR", "delta-linear"])
 @pytest.mark.slow
 def test_rows_of_another_assembly_mode_are_no_residuals(name):

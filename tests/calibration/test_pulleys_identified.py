@@ -20,7 +20,7 @@ def tree(name):
     return yaml.safe_load((ROOT / "configs" / f"{name}.yaml").read_text(encoding="utf-8"))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_sheaves_and_swivels_are_identified_without_noise():
     """With poses measured, radii and axes free: fresh poses to 1e-9 m."""
     path = ROOT / "configs" / "cable-8-pulleys.yaml"
@@ -47,7 +47,7 @@ def test_sheaves_and_swivels_are_identified_without_noise():
                                atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_pulleys_in_the_plane_define_the_frame_of_their_base(tmp_path):
     """Three coordinates of pulleys are the gauge: the zeros turn with them, by the offsets."""
     own = tree("cable-4-pulleys")

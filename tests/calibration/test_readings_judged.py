@@ -172,6 +172,10 @@ def test_a_file_that_has_no_pose_has_the_worst_score() -> None:
 QUICK = ("a row late, of three drives", "inches in one drive", "drives in radians")
 
 
+@pytest.mark.long_cases(
+    "Euler of turns of 1.5 deg", "Euler of turns of 4 deg", "a sign in a fifth of the rows",
+    "drives exchanged from row 40", "inverse, turns of 3 deg", "joints 1 to 3 in a ring",
+    "target closed", "two joints the other way", "two rows early, dense")
 @pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow)
                                   for n in MISREAD])
 @pytest.mark.slow
@@ -179,6 +183,8 @@ def test_misreadings_that_were_held_back_are_named(name: str) -> None:
     assert judged(name, MISREAD[name], 4).answer == "named"
 
 
+@pytest.mark.long_cases(
+    "backlash in the plane", "backlash of every drive", "millimetres off", "periodic and gain")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", RIGHT)
 def test_right_files_with_real_faults_are_not_misread(name: str) -> None:

@@ -13,7 +13,7 @@ PRINTER = (Path(os.environ.get("PPMCAL_DATA", ROOT.parent / "shared" / "data"))
            / "hard/fading-backlash/printer.cfg")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(not PRINTER.is_file(), reason="no shared data here")
 def test_calibrations_that_saw_different_things_have_not_changed(tmp_path: Path) -> None:
     """One does not know the height at all, and is hundreds of millimetres off: that is no change.

@@ -28,7 +28,7 @@ def identified(folder, run):
     return ppmcal.identify(path, ppmcal.read_data(path, table, sidecar=SIDE, name=run))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_anchors_repeat_from_run_to_run(tmp_path):
     """By plain least squares the owner's ten runs repeat to 0.4 to 1.8 mm (one sigma)."""
     found = [identified(tmp_path, f"ten-runs-{n:02d}").identification.mechanism for n in (1, 4, 9)]
@@ -42,7 +42,7 @@ def test_anchors_repeat_from_run_to_run(tmp_path):
                                atol=4e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_worthless_readings_of_a_run_are_found(tmp_path):
     """The owner: at least one reading of run 29 is worthless. One belt is off by 56 mm there."""
     rows = identified(tmp_path, "old-runs-29").identification.gross_errors.rows

@@ -113,7 +113,7 @@ def test_what_has_to_be_open_is_as_likely_with_its_rows_in_any_order() -> None:
     assert surely(odds(fit)) and np.argmax(odds(fit)) == 0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("what", list(CASES))
 def test_no_effect_alone_is_named_for_it(what: str) -> None:
     mend, second = CASES[what]

@@ -61,6 +61,7 @@ def off(mechanism: Mechanism, scale: float = 1.0, seed: int = 3) -> Mechanism:
 # --- ways -------------------------------------------------------------------------------------
 
 
+@pytest.mark.long_cases("3-RPS", "6-RUS")
 @pytest.mark.parametrize("name", ["3-RPR", "3-RRR-1", "3-RPS", "6-RUS", "6-UPS", "delta-rotary"])
 @pytest.mark.slow
 def test_ways_that_a_fine_search_finds_unsound_are_found(name: str) -> None:
@@ -84,6 +85,7 @@ def test_ways_that_a_fine_search_finds_unsound_are_found(name: str) -> None:
     np.testing.assert_array_equal(mine, wrong)
 
 
+@pytest.mark.long_cases("cable-8-pulleys", "delta-parallelograms")
 @pytest.mark.slow_cases(
     "6-UPS", "cable-4-planar", "stewart-7", "3-RPS", "3-UPU", "6-PUS", "6-RUS", "cable-4-pulleys",
     "delta-parallelograms", "hangprinter", "linapod", "maslow", "mixed-spatial", "passive-legs",
@@ -158,6 +160,7 @@ def path_of(mechanism: Mechanism, count: int = 60) -> Array:
     return placed(mechanism, chosen, (low + high) / 2.0 + 0.4 * (high - low) * np.sin(t))
 
 
+@pytest.mark.long_cases("6-RUS")
 @pytest.mark.parametrize("name", ["3-RPR", "6-UPS", "3-RPS", "delta-rotary", "6-RUS"])
 @pytest.mark.slow
 def test_a_joint_that_jumps_between_neighbours_is_refused(name: str) -> None:
@@ -354,6 +357,9 @@ def conditions(mechanism: Mechanism, count: int) -> dict[str, Array]:
     return out
 
 
+@pytest.mark.long_cases(
+    "anchor_give", "compliance", "friction", "gravity_tilt", "lag", "missing_length",
+    "payload_offset", "rope_elasticity", "rope_height", "rope_stretch", "windup")
 @pytest.mark.parametrize("kind", [
     k if k in QUICK else pytest.param(k, marks=pytest.mark.slow) for k in KINDS])
 @pytest.mark.slow

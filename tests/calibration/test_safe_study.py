@@ -16,6 +16,6 @@ def assert_safe(machines: int, seed: int, names: tuple[str, ...] = ()) -> None:
     assert sum(tally.reasons.values()) <= 0.01 * tally.rows
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_few_machines_are_driven_safely() -> None:
     assert_safe(4, 2, ("3-RPR", "delta-linear", "3-RPS", "6-UPS"))

@@ -86,6 +86,7 @@ def test_two_machines_of_exact_values_disagree_and_have_a_result() -> None:
     assert not any(topic_of(f) == LEFT_OUT for f in found.findings)
 
 
+@pytest.mark.long_cases("too small-1 pm")
 @pytest.mark.parametrize("stated", [1e-9, 1e-12], ids=["1 nm", "1 pm"])
 @pytest.mark.parametrize("true", [2e-5, 0.0], ids=["too small", "as it is"])
 @pytest.mark.slow

@@ -70,6 +70,7 @@ def test_chi_squared_is_that_of_the_most_likely_poses(bench):
     assert found.count == 12 * (measured + extra)
 
 
+@pytest.mark.long_cases("stewart", "stewart that gaps")
 @pytest.mark.slow
 def test_information_is_that_with_the_poses_eliminated(bench):
     """The normal equations of parameters and poses together, less the poses (Schur complement)."""
@@ -94,6 +95,7 @@ def test_information_is_that_with_the_poses_eliminated(bench):
                                atol=5e-3)
 
 
+@pytest.mark.long_cases("stewart", "stewart that gaps")
 @pytest.mark.slow
 def test_the_gradient_is_exact(bench):
     """Chi-squared's own differences, though what eliminates the poses is held in a step."""

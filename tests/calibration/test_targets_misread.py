@@ -51,6 +51,7 @@ def as_read(path: Path) -> InterpretationError | None:
     return None
 
 
+@pytest.mark.long_cases("names2-change2-words2-block2")
 @pytest.mark.parametrize(("names", "change", "words", "block"), [
     (("T1", "T2"), {"T2": exchanged}, ["target T2: x and y are exchanged"], {
         "columns": {"T2_x": "y T2", "T2_y": "x T2"}}),
@@ -83,6 +84,7 @@ def test_one_mark_is_named_with_lines_for_it_alone(
         assert one.position == pytest.approx(other.position, abs=1e-12, nan_ok=True)
 
 
+@pytest.mark.long
 def test_of_two_marks_that_are_turned_against_each_other_either_may_be_wrong(tmp_path: Path
                                                                              ) -> None:
     machine(tmp_path)
@@ -107,6 +109,7 @@ def test_all_marks_alike_are_no_mark_s_mistake(tmp_path: Path) -> None:
     assert found.found[0].block["units"] == {f"T{i}_{c}": "cm" for i in (1, 2, 3) for c in "xy"}
 
 
+@pytest.mark.long
 def test_a_mark_in_a_long_file_needs_a_file_of_its_own(tmp_path: Path) -> None:
     machine(tmp_path)
     seen = measured(4)

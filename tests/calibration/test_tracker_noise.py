@@ -80,7 +80,7 @@ def test_rows_are_white_by_the_whole_covariance(hexapod, tmp_path):
                         rtol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_intervals_hold_the_truth_and_are_narrower_than_with_one_number(hexapod, tmp_path):
     """Standardised errors of ten campaigns; the same readings, said to be alike in all axes."""
     z, wider = [], []

@@ -133,7 +133,7 @@ def test_flat_short_and_few_name_nothing() -> None:
     assert flat.record.next_file == "next.csv"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_few_poses_are_no_ground_for_a_part_of_a_name() -> None:
     """Six poses and a strong backlash: names that leave something are made of what they leave."""
     text = scenario("delta-linear", approach="both", seed=1, effects=[

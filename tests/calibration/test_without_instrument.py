@@ -44,6 +44,7 @@ def crossed():
     return {n: v for n, v in tree.items() if n != "limits"}
 
 
+@pytest.mark.long_cases("crossed", "rope_cage", "stewart")
 @pytest.mark.parametrize("tree", [belts, crossed, stewart, rope_cage], ids=lambda t: t.__name__)
 @pytest.mark.slow
 def test_what_is_found_is_the_truth_in_another_frame(tree, tmp_path):
@@ -65,7 +66,7 @@ def test_what_is_found_is_the_truth_in_another_frame(tree, tmp_path):
     assert apart(machine, ours.pose, pose) < 1e-9
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_effect_that_follows_the_joints_is_in_the_machine(tmp_path):
     """Without an instrument it follows from the pose, and so settles with it."""
     bent = {"kind": "gain", "on": ["tl"], "parameters": {"gain": 2e-3}}
@@ -93,7 +94,7 @@ def test_the_noise_of_joints_has_to_be_said(tmp_path):
         ppmcal.read_data(path, table, sidecar={"instrument": {"kind": "none", "sigma": {}}})
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_wrong_reading_is_found_by_its_limb(tmp_path):
     file = belts()
     path = written(tmp_path, file)
@@ -123,7 +124,7 @@ def belts_of(gauge, tolerance=4):
     return {**belts(), "tolerances": {"point": tolerance}, "gauge": gauge}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("gauge", ["base", "tolerances"])
 def test_promised_errors_are_the_true_ones_in_the_frame_that_is_defined(gauge, tmp_path):
     """Held points have no error in the frame that they define; tolerances promise the drawing's."""
@@ -147,7 +148,7 @@ def test_promised_errors_are_the_true_ones_in_the_frame_that_is_defined(gauge, t
     assert 0.8 < np.sqrt(np.mean(promised) / np.mean(true)) < 1.25
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_defines_the_frame_is_no_uncertainty_and_stays_so(tmp_path):
     """Not of the machine that was calibrated, nor where its file is calibrated again."""
     file = belts_of("base", 20)
@@ -164,7 +165,7 @@ def test_what_defines_the_frame_is_no_uncertainty_and_stays_so(tmp_path):
     assert not first.mechanism.registrations and first.mechanism.self_calibrated
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_blocks_of_rows_differ_in_units_of_their_own_noise(tmp_path):
     """A gap that is smooth over the workspace: intervals are those of a cluster-robust sandwich."""
     file = belts()
@@ -201,7 +202,7 @@ def before_the_change(tmp_path_factory):
 
 
 @pytest.mark.parametrize("strain", [0.001, 0.003])
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_changed_pull_of_ropes_is_what_compare_names(strain, before_the_change, tmp_path):
     path = before_the_change / "m.yaml"
     made = ppmcal.simulate(path, pulled(belts(), strain, 12))
@@ -215,7 +216,7 @@ def test_a_changed_pull_of_ropes_is_what_compare_names(strain, before_the_change
     assert abs(change.parts[0].value - 0.002) < 4.0 * change.parts[0].sigma
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_other_runs_are_validated_by_how_far_limbs_are_from_closing(tmp_path):
     file = belts()
     path = written(tmp_path, file)

@@ -121,7 +121,7 @@ def test_help_imports_no_heavy_library(args):
     assert not loaded & {"numpy", "scipy", "matplotlib"}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_no_command_loads_the_statistics_of_scipy():
     """They take as long to load as the rest; scipy.special has what is needed."""
     code = ("import sys\nfrom ppmcal.commands import names, work\nfor name in names(): work(name)\n"
@@ -131,7 +131,7 @@ def test_no_command_loads_the_statistics_of_scipy():
     assert (done.returncode, done.stdout) == (0, "False\n"), done.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_installed_command_runs(tmp_path):
     script = Path(sys.executable).with_name("ppmcal")
     done = subprocess.run([script, "init", "3-RPR", "--out", "m.yaml"], cwd=tmp_path, timeout=60,
@@ -562,7 +562,7 @@ def test_velocity_is_the_derivative(bench):
         assert number(rate, f"rate_{leg}") == pytest.approx(slope, rel=1e-4, abs=1e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_empty_coordinates_are_solved_for(tmp_path):
     ppmcal("init", "3-RPS", "--out", "m.yaml", cwd=tmp_path, expect=0)
     write_csv(tmp_path / "p.csv", [{"x": "", "y": "", "z": z, "rx": rx, "ry": -3, "rz": ""}
@@ -995,7 +995,7 @@ def test_gcv(bench):
     assert 0.8 < found["noise"]["sigma_ratio"] < 1.2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_damped(bench):
     """The scheme of the PPM paper, on what it can do: known frame, few parameters."""
     scenario(bench, frame={"x": 0, "y": 0, "rz": 0}, target=[0, 0],

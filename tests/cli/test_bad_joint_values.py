@@ -60,7 +60,7 @@ def findings(folder, path, data):
 
 @pytest.mark.parametrize("name", [
     "cable-4-planar", "maslow", pytest.param("cable-8", marks=pytest.mark.slow)])
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_rope_that_is_slack_in_most_rows_is_a_finding(name, tmp_path):
     path, data = campaign(tmp_path, name)
     rng = np.random.default_rng(2)
@@ -76,6 +76,7 @@ def test_a_rope_that_is_slack_in_most_rows_is_a_finding(name, tmp_path):
         assert f"{ROPE[name]} reads long" in told
 
 
+@pytest.mark.long_cases("backlash", "noise", "shift")
 @pytest.mark.parametrize("change", [None, "backlash", "shift", "noise"])
 @pytest.mark.slow
 def test_what_is_not_slack_is_not_called_so(change, tmp_path):

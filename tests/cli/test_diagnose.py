@@ -72,7 +72,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
 # --- what is found ------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_backlash_on_one_leg(made: Callable[[str], Path]) -> None:
     found = found_in(made("backlash"))
     assert found["verdict"] in ("named", "named-set")
@@ -87,7 +87,7 @@ def test_backlash_on_one_leg(made: Callable[[str], Path]) -> None:
     assert strongest["p_value"] < 0.01
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_three_effects_together(made: Callable[[str], Path]) -> None:
     """Each with its own parameter alone: no hardening of what is plain, and no time constant."""
     found = found_in(made("three"))
@@ -112,7 +112,7 @@ def test_three_effects_together(made: Callable[[str], Path]) -> None:
         assert abs(s["before"] - s["after"]) > s["tolerance"] > 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_nothing_hidden(made: Callable[[str], Path]) -> None:
     """The verdict, exit 0, and that nothing was likely."""
     folder = made("none")
@@ -137,7 +137,7 @@ def test_nothing_hidden(made: Callable[[str], Path]) -> None:
     assert model["limbs"] == plain["limbs"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_frozen_slot_is_named(tmp_path: Path) -> None:
     simulate(tmp_path, "3-RPR", [], free=["*.offset", "*.platform.point.radius"],
              errors={"leg2.platform.point.angle": 0.15, "leg1.offset": 0.3}, frame="known",
@@ -152,7 +152,7 @@ def test_a_frozen_slot_is_named(tmp_path: Path) -> None:
     assert slot["on"] == ["leg2"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_large_slot_error_is_not_another_effect(tmp_path: Path) -> None:
     simulate(tmp_path, "6-UPS", [], 12, free=["*.offset", "*.platform.point.*"], frame="known",
              target="known", errors={"leg2.base.point.angle": 0.03, "leg1.offset": 0.3})
@@ -160,7 +160,7 @@ def test_a_large_slot_error_is_not_another_effect(tmp_path: Path) -> None:
     assert set(named(found)) <= {"geometry"}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_machine_with_fewer_actuators_than_coordinates(tmp_path: Path) -> None:
     simulate(tmp_path, "3-RPS", [effect("backlash", ["leg2"], width=0.03)])
     _, found = diagnose(tmp_path)
@@ -182,7 +182,7 @@ def test_positions_only(tmp_path: Path) -> None:
     assert not {"after_rz", "before_rz"} & set(columns(tmp_path / "d" / "residuals.csv"))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_two_data_files(tmp_path: Path) -> None:
     """One machine, the instrument set up twice."""
     errors = {"leg1.offset": 0.3, "leg2.base.point.x": -0.2, "leg3.platform.point.radius": 0.2}
@@ -200,7 +200,7 @@ def test_two_data_files(tmp_path: Path) -> None:
         "datasets"]) == {"s", "t"}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_outliers_that_an_effect_explains_are_readmitted(tmp_path: Path) -> None:
     """A heavy load once a pose: without compliance these rows are far off."""
     simulate(tmp_path, "3-RPR", [effect("compliance", ["leg1"], stiffness=500.0)], 8,
@@ -217,7 +217,7 @@ def test_outliers_that_an_effect_explains_are_readmitted(tmp_path: Path) -> None
     assert any("8 rows" in f for f in found["findings"])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_true_outliers_stay_out(tmp_path: Path) -> None:
     simulate(tmp_path, "3-RPR", [effect("backlash", ["leg1"], width=0.03)])
     table = rows(tmp_path / DATA)
@@ -262,7 +262,7 @@ def test_a_column_that_was_not_recorded(tmp_path: Path) -> None:
             "(need temperature)") in said
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_effect_whose_column_was_not_recorded_is_not_called_another(tmp_path: Path) -> None:
     """Legs that grow with a temperature that nobody wrote down: unnamed or partial at most."""
     simulate(tmp_path, "3-RPR", [WARM], 12)
@@ -337,7 +337,7 @@ def test_directions_the_other_way_round_are_the_other_side(tmp_path: Path) -> No
 # --- named sets and next measurements -----------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_cannot_be_told_apart_is_a_set(made: Callable[[str], Path]) -> None:
     """Gain of all encoders and the instrument's scale: no pose can tell, only a known length."""
     found = found_in(made("scale"))
@@ -355,7 +355,7 @@ def test_no_measurements_are_not_zero_measurements(made: Callable[[str], Path]) 
     assert not re.search(r"\b0 further", reason)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_next_measurements_can_be_taken(made: Callable[[str], Path]) -> None:
     """A table of joints, poses and settings: within limits, within what was seen, consistent."""
     folder = made("thermal")
@@ -500,7 +500,7 @@ def test_residuals_before_and_after(made: Callable[[str], Path]) -> None:
     assert number(table[0], "sigma_x") == pytest.approx(0.005, rel=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_model_is_a_mechanism_file(made: Callable[[str], Path], tmp_path: Path) -> None:
     """It reads, it is complete for these data, and it can be fitted again."""
     folder = shutil.copytree(made("three"), tmp_path / "c")
@@ -550,7 +550,7 @@ def test_the_model_compensates(made: Callable[[str], Path], tmp_path: Path) -> N
 # --- the command --------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_quiet_json_and_the_same_bytes(made: Callable[[str], Path], tmp_path: Path) -> None:
     """Nothing but errors; one JSON object, that of the file; the seed decides everything."""
     folder = shutil.copytree(made("none"), tmp_path / "c")
@@ -568,7 +568,7 @@ def test_quiet_json_and_the_same_bytes(made: Callable[[str], Path], tmp_path: Pa
     assert one["provenance"]["seed"] == 3
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_same_command_writes_the_same_bytes(made: Callable[[str], Path],
                                                 tmp_path: Path) -> None:
     folder = shutil.copytree(made("thermal"), tmp_path / "c")
@@ -630,7 +630,7 @@ def test_bad_input(made: Callable[[str], Path], tmp_path: Path, case: str) -> No
     assert tree(folder) == before
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_in_a_process_of_its_own(made: Callable[[str], Path], tmp_path: Path) -> None:
     folder = shutil.copytree(made("none"), tmp_path / "c")
     run = ppmcal_process("diagnose", "m.yaml", DATA, "--kind", "backlash",

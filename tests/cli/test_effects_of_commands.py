@@ -133,6 +133,7 @@ def test_every_kind_is_recovered_somewhere() -> None:
             if k.evaluate.__module__.startswith("ppmcal.")} <= seen
 
 
+@pytest.mark.long_cases("frame of ropes", "inclined", "lengths of ropes", "ropes")
 @pytest.mark.slow
 @pytest.mark.parametrize("campaign", CAMPAIGNS)
 def test_simulated_effects_are_identified(tmp_path: Path, campaign: str) -> None:
@@ -394,7 +395,7 @@ KIND = EffectKind("daily", "du = size cos(2 pi time/day)", "the workshop's diary
 '''
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_kind_of_another_package(tmp_path: Path) -> None:
     """Installed with the entry-point group ppmcal.effects, it is read, simulated and fitted."""
     site = install(tmp_path / "site", "workshop", FOREIGN, {"ppmcal.effects": {"daily": "KIND"}})

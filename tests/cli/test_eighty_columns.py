@@ -93,7 +93,7 @@ def too_wide(text: str) -> list[str]:
             if len(line) > WIDTH and not line.endswith("\\") and len(line.split()) > 1]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_no_line_is_wider_than_80_columns(desk: Path) -> None:
     for line in LINES.values():
         run = ppmcal(*shlex.split(line), cwd=desk)

@@ -34,6 +34,12 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return shared_desk(tmp_path_factory)
 
 
+@pytest.mark.long_cases(
+    "certify identified run2.csv --about about.yaml", "compare identified identified-may",
+    "diagnose mine.yaml run2.csv", "figures identified --width 174mm",
+    "identify mine.yaml run1.csv run2.csv --leave-out session",
+    "identify mine.yaml run2.csv --start identified --keep --out kept",
+    "validate identified run2.csv --against identified-may")
 @pytest.mark.slow_cases(
     "import klipper printer.cfg", "sensitivity mine.yaml --home-only",
     "identify mine.yaml run1.csv", "export maslow fitted-maslow", "export mjcf identified",

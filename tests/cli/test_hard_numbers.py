@@ -115,6 +115,9 @@ ROWS = {
 }
 
 
+@pytest.mark.long_cases(
+    "one in five wrong-identify", "two rows far beyond any machine-check",
+    "two rows far beyond any machine-identify", "two rows typed wrong-identify")
 @pytest.mark.slow_cases(
     "a single pose-check", "a single pose-identify", "two poses-check", "two poses-identify",
     "three poses-identify", "every row five times-identify", "one in five wrong-check",
@@ -153,6 +156,8 @@ NOISE = {
 }
 
 
+@pytest.mark.long_cases(
+    "a ten-millionth of the scatter-diagnose", "a ten-millionth of the scatter-identify")
 @pytest.mark.slow_cases("a ten-millionth of the scatter-diagnose",
                         "a ten-millionth of the scatter-identify")
 @pytest.mark.parametrize("command", ["check", "identify", "diagnose"])
@@ -181,6 +186,8 @@ TOLERANCES = {0.0: None, 1e-300: "is implausible", 1e-15: "is implausible", 1e-9
               1e6: None, math.inf: None, 1e300: "cannot be"}
 
 
+@pytest.mark.long_cases(
+    "0.0-identify", "1000000.0-sensitivity", "1e-09-check", "1e-09-identify", "1e-09-sensitivity")
 @pytest.mark.slow_cases(
     "1000000.0-identify", "inf-identify", "1000000.0-tolerances", "0.0-identify", "1e-09-identify",
     "1e-09-check", "1e-09-sensitivity", "1000000.0-sensitivity", "inf-sensitivity",
@@ -204,6 +211,9 @@ IN_SEQUENCE = ("three poses", "poses hardly apart", "two rows typed wrong",
                "two rows far beyond any machine")
 
 
+@pytest.mark.long_cases(
+    "one in five wrong", "poses apart by round-off", "two rows far beyond any machine",
+    "two rows typed wrong")
 @pytest.mark.parametrize("name", [n for n, (refused, _) in ROWS.items() if not refused])
 @pytest.mark.slow
 def test_diagnose_of_rows_that_tell_little(bench, tmp_path, name):
@@ -215,6 +225,9 @@ def test_diagnose_of_rows_that_tell_little(bench, tmp_path, name):
     assert found.code in ((0, 1) if name == "two rows typed wrong" else (0, 1, 3))
 
 
+@pytest.mark.long_cases(
+    "poses hardly apart-method0", "poses hardly apart-method2", "two rows typed wrong-method3",
+    "two rows typed wrong-method4")
 @pytest.mark.parametrize("method", [["--method", "gcv"], ["--method", "damped"],
                                     ["--prior", "flat"], ["--sigma", "estimated"],
                                     ["--keep-outliers"]])
@@ -298,7 +311,7 @@ def answers(folder, machine, side, table):
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("factor", SCALES)
 def test_a_scaled_machine_gives_scaled_answers(bench, at_one, tmp_path, factor):
     found = answers(tmp_path, *at_scale(bench, factor))

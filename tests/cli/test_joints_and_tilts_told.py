@@ -56,7 +56,7 @@ def test_what_identify_tells(desk):
                               .get("measurement") or {})
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_follows_identify(desk):
     folder, _ = desk
     told = flat(ppmcal("validate", "i", "e1/measurements.csv", "--out", "v", cwd=folder,
@@ -74,7 +74,7 @@ def test_what_follows_identify(desk):
     assert "turn_leg1.joint1 (deg)" in page and "roll (deg)" in page
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_diagnose_takes_both(desk):
     folder, _ = desk
     told = flat(ppmcal("diagnose", "m.yaml", *(f"e{n}/measurements.csv" for n in (1, 2, 3)),

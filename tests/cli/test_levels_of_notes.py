@@ -5,7 +5,7 @@ from helpers.commands import ppmcal
 from helpers.paths import ROOT
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_is_good_to_know_has_no_mark_and_no_limb_is_called_open(tmp_path):
     log = ROOT / "sample_data" / "maslow" / "maslow.log"
     ppmcal("import", "maslow", str(log), cwd=tmp_path)

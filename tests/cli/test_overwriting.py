@@ -118,6 +118,7 @@ def test_a_folder_of_another_command_is_refused(name: str, here: Path) -> None:
     assert tree(here) == before
 
 
+@pytest.mark.long_cases("certify", "demo", "figures", "plan")
 @pytest.mark.slow_cases("sensitivity", "import", "identify", "figures", "certify", "report")
 @pytest.mark.parametrize("name", slowly(FOLDERS))
 def test_a_command_replaces_its_own_results_and_takes_stale_ones_away(

@@ -162,7 +162,7 @@ def test_lines_of_gcode_take_the_place_of_the_old_ones(here: Path, form: str, te
     assert [f";{line}" in lines for line in old if line not in kept] == [True, True]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_wrong_length_of_rods_is_told_and_no_plain_yes(fitted: Path, tmp_path: Path) -> None:
     shutil.copy(fitted / "printer.cfg", tmp_path)
     before = (tmp_path / "printer.cfg").read_bytes()

@@ -286,6 +286,7 @@ def test_delta_with_centres_on_one_line_is_refused():
         assembly_modes(Model(flat), np.zeros(3))
 
 
+@pytest.mark.long_cases("3-RPS")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["3-RPS", "6-UPS", "delta-rotary-6rods"])
 def test_spatial_machines_are_searched(name):

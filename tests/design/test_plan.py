@@ -616,7 +616,7 @@ def test_a_singular_home_is_refused(tmp_path):
         plan(mechanism, default_instrument(mechanism))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_plan_with_settings_can_be_simulated_and_shows_what_it_was_made_for(tmp_path):
     """Approaches and payloads of poses.csv go into the simulation; the effects come out."""
     config = CONFIGS / "3-RPR.yaml"

@@ -77,7 +77,7 @@ def test_predicted_sigmas_are_those_of_a_fit(chosen):
         assert sigma[name] == pytest.approx(value, rel=0.05), name
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_one_distance_fixes_the_scale_where_ratios_are_free(none, tmp_path):
     tree = yaml.safe_load((CONFIGS / "maslow.yaml").read_text())
     for limb in tree["limbs"]:
@@ -118,7 +118,7 @@ def test_ways_of_surplus_limbs_are_those_of_the_platform(name):
     assert moves(mechanism, q[:1], far) != ("",)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_guessed_instrument_says_that_none_is_needed():
     for name, said in (("maslow", True), ("3-RPR", False)):
         mechanism = read_mechanism(CONFIGS / f"{name}.yaml")

@@ -229,7 +229,7 @@ def test_figure_9_grows_with_the_square_of_the_error(tmp_path: Path) -> None:
     assert slope == pytest.approx(2.0, abs=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_amplification_is_least_at_the_centre_and_roughly_circular(tmp_path: Path) -> None:
     """[LIN] section 4.2 and Fig. 10, read off a map of the 126 components."""
     linapod(tmp_path, "--all-components", "--grid", "x=-0.3:0.3:41,y=-0.3:0.3:41")

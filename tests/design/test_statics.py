@@ -324,7 +324,7 @@ def test_tension_that_pushes_a_pose_over_has_no_stiffness(tmp_path):
     assert np.isnan(factor[2]).all()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_command_tells_a_home_that_the_tension_pushes_over(tmp_path):
     """Hooks on the far sides: each rope runs across the platform and pulls it round."""
     tree = soft(yaml.safe_load((CONFIGS / "cable-4-planar.yaml").read_text()))

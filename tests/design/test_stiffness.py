@@ -140,7 +140,7 @@ sections = st.fixed_dictionaries({}, optional={
                                        for n in (1, 2, 3)}})
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @settings(max_examples=40, deadline=None)
 @given(st.sampled_from(["3-RPR", "linapod", "6-RUS", "mixed-planar"]), sections,
        st.lists(sections, min_size=3, max_size=3))

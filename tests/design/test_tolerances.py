@@ -117,7 +117,7 @@ def test_position_and_rotation_are_demanded_together() -> None:
 
 # ---------------------------------------------------------------- fleets
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_seed_gives_the_same_machines_on_one_core_and_on_two() -> None:
     one = fleet("3-RPR")
     items = batches(430, 7)
@@ -134,7 +134,7 @@ def test_a_seed_gives_the_same_machines_on_one_core_and_on_two() -> None:
     assert not np.allclose(other.built.position, fewer.built.position)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_cluster_gives_the_same_machines(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False,
@@ -156,6 +156,7 @@ def test_no_scheduler_is_refused(tmp_path: Path) -> None:
     assert "no scheduler answers" in run_.err.replace("\n", " ")
 
 
+@pytest.mark.long_cases("cable-4-planar-pose", "stewart-7-position")
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "kind"), [
     ("3-RPR", "pose"), ("3-RPR", "position"), ("6-UPS", "pose"), ("6-UPS", "distance"),
@@ -184,6 +185,7 @@ def test_the_fleet_is_calibrated_as_identify_would(name: str, kind: str) -> None
         assert rms((found.g[i, free] - g[i, free]) / sigma) < 2.0
 
 
+@pytest.mark.long_cases("cable-8-pulleys")
 @pytest.mark.parametrize("name", ["cable-4-planar", "stewart-7", "cable-8-pulleys"])
 @pytest.mark.slow
 def test_readings_follow_the_platform_and_miss_the_closure_as_asked(name: str) -> None:
@@ -223,6 +225,7 @@ def measured(setup: MeasurementSetup, g: np.ndarray, noise: np.ndarray) -> Datas
     return replace(clean, position=position, rotation=rotation)
 
 
+@pytest.mark.long_cases("cable-4-planar", "cable-8-pulleys", "stewart-7")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["3-RPR", "6-UPS", "linapod", "delta-rotary", "6-RUS", "3-PPR-1",
                                   "3-RRR-1", "cable-4-planar", "cable-8-pulleys", "stewart-7"])
@@ -237,6 +240,7 @@ def test_linear_prediction_and_machines_drawn_agree(name: str) -> None:
         found.built.position)
 
 
+@pytest.mark.long_cases("delta-linear-6rods")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["3-RPS", "delta-linear-6rods"])
 def test_what_too_few_drives_cannot_command_is_left(name: str) -> None:
@@ -262,7 +266,7 @@ def test_what_too_few_drives_cannot_command_is_left(name: str) -> None:
     assert rms(found.calibrated.rotation) > 1e-5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_machines_far_from_the_drawing_are_identified_one_by_one(tmp_path: Path) -> None:
     """Tolerances of millimetres: the drawing's Jacobian does not lead there; fits still do."""
     path = changed(tmp_path, "tolerances: {point: 5, length: 5, angle: 1, offset: 5}")
@@ -284,7 +288,7 @@ def changed(folder: Path, line: str, name: str = "3-RPR") -> Path:
     return path
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_machine_without_result_never_stops_the_others(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ppmcal.design.monte_carlo.BATCH", 20)
@@ -328,7 +332,7 @@ def test_the_interval_of_a_share_covers_it() -> None:
 
 # ---------------------------------------------------------------- the command
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "method"), [
     ("3-RPR", "cost"), ("6-UPS", "mean"), ("delta-linear", "equal")])
 def test_the_wanted_share_of_machines_comes_out(name: str, method: str, tmp_path: Path) -> None:
@@ -343,7 +347,7 @@ def test_the_wanted_share_of_machines_comes_out(name: str, method: str, tmp_path
     assert costs["cost"] <= costs["equal"] * 1.001 and costs["cost"] <= costs["mean"] * 1.001
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_allocated_file_is_a_machine_with_these_tolerances(tmp_path: Path) -> None:
     ppmcal("tolerances", CONFIGS / "6-UPS.yaml", "--accuracy", 0.2, "--machines", 20, "--out",
            tmp_path / "o")

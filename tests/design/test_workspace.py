@@ -211,7 +211,7 @@ def test_distances_settle_as_the_grid_gets_finer():
     assert coarse.nearest.distance == pytest.approx(fine.nearest.distance, rel=2e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_distances_that_the_grid_cannot_settle_are_told(tmp_path):
     """The singular curve of the 3-RPR is a circle about home: on a small map most is beyond."""
     mechanism = machine("3-RPR")
@@ -309,6 +309,7 @@ def test_home_that_is_singular_has_no_workspace(tmp_path):
 
 # --- the command ------------------------------------------------------------------------------
 
+@pytest.mark.long_cases("3-RPS-rx=-60:60:5,ry=-60:60:5")
 @pytest.mark.slow
 @pytest.mark.parametrize("name,grid", [("3-RPR", "x=250:800:12,y=0:550:12"),
                                        ("3-RPS", "rx=-60:60:5,ry=-60:60:5"),
@@ -343,7 +344,7 @@ def test_command_agrees_with_kinematics(tmp_path, name, grid):
     assert bool(edge) == (content["singular"]["nearest_to_home"] is not None)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_units_of_the_file(tmp_path):
     """The same machine in mm and degrees, and in inches and radians, gives the same numbers."""
     def inches(tree):

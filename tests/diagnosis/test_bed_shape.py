@@ -54,13 +54,14 @@ def test_the_shape_moves_what_is_seen_and_not_the_machine(printer):
     assert lower.max() > 0.25
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_leaning_tower_is_found_in_touches_of_a_flat(printer):
     found = ppmcal.diagnose(printer, touches(printer, errors={"a.base.direction.ry": 0.5}))
     assert found.verdict in ("named", "named-set")
     assert [e.parameters for e in found.diagnosis.effects] == [("a.base.direction.ry",)]
 
 
+@pytest.mark.long_cases("trefoil_x")
 @pytest.mark.slow
 @pytest.mark.parametrize("shape", ["bowl", "saddle", "trefoil_x"])
 def test_the_shape_of_the_flat_is_no_leaning_tower(printer, shape):
@@ -82,7 +83,7 @@ def _warped(data, size=0.08):
     return replace(data, value=data.value - bent)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_backlash_is_found_on_a_flat_of_any_shape(printer):
     """A flat bent less, and every joint that stays behind: it follows the way, not the place."""
     hidden = {"effects": [{"kind": "backlash", "parameters": {"width": 0.08}}], "approach": "both"}

@@ -48,7 +48,7 @@ def test_too_few_rows_to_hold_some_out_are_a_note(geared: Problem,
     assert any(topic_of(f) == LEFT_OUT and "these rows fit nothing" in f for f in found.findings)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_does_not_predict_loses_its_name_and_says_so(geared: Problem,
                                                           monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(naming, "predictions", lambda _: (SimpleNamespace(surely_worse=True),))

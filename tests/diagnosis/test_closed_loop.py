@@ -23,7 +23,7 @@ def measured_again(folder: Path) -> None:
     ppmcal("simulate", "m.yaml", "n.yaml", "--out", "n", cwd=folder, expect=0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_proposed_measurements_settle_which_it_is(tmp_path: Path) -> None:
     """Legs or platform: the first campaign leaves both; with the proposed rows it is the legs."""
     kind = "leg_thermal"

@@ -131,7 +131,7 @@ def learned(folder: Path, effects: list[dict[str, Any]], seed: int, **changes: A
     return diagnosed(*campaign(folder, effects, seed, count=80, **changes), seed).learned
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_hidden_product_comes_back_with_its_powers(tmp_path: Path) -> None:
     """Error of one leg with the square of its travel and with the temperature."""
     found = learned(tmp_path, [warped()], 1, conditions=WEATHER)
@@ -155,7 +155,7 @@ def test_a_hidden_product_comes_back_with_its_powers(tmp_path: Path) -> None:
     assert np.all(np.abs(away) < 3.5 * band)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_square_of_speed_comes_back(tmp_path: Path) -> None:
     """It does as well in held-out poses, and evaluates to what was learned, in the band."""
     found = learned(tmp_path, [squared()], 1)
@@ -173,7 +173,7 @@ def test_the_square_of_speed_comes_back(tmp_path: Path) -> None:
     assert np.all(np.abs(away) < 3.5 * sigma)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_is_no_short_equation_is_printed_as_none(tmp_path: Path) -> None:
     """A worn place of a screw is learned, and remains a shape."""
     found = learned(tmp_path, [dip()], 1)
@@ -182,7 +182,7 @@ def test_what_is_no_short_equation_is_printed_as_none(tmp_path: Path) -> None:
     assert found.equations == (None,) * len(found.learned.terms)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_console_file_and_report_have_it_and_clean_data_none(tmp_path: Path) -> None:
     campaign(tmp_path, [squared(0.05)], 1, count=70)
     run = ppmcal("diagnose", "m.yaml", "s/measurements.csv", "--out", "d",

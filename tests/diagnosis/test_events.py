@@ -40,7 +40,7 @@ def diagnosed(folder: Path, name: str) -> dict[str, Any]:
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_event_is_named_with_its_row(tmp_path: Path) -> None:
     """Of the target; zeros follow, and how often the base's are named is in docs/rates."""
     found = diagnosed(tmp_path, "target_shift")
@@ -52,7 +52,7 @@ def test_an_event_is_named_with_its_row(tmp_path: Path) -> None:
     assert row["dataset"] == "s"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_two_events_of_one_joint(tmp_path: Path) -> None:
     """The second takes the first one's place: its size counts from the first zero."""
     found = diagnosed(tmp_path, "twice")
@@ -64,7 +64,7 @@ def test_two_events_of_one_joint(tmp_path: Path) -> None:
         assert event["parameters"]["shift"]["value"] == pytest.approx(size, abs=0.005)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_rows_count_in_their_own_file(tmp_path: Path) -> None:
     """The second half of a campaign as a file of its own: the event is in its row 7."""
     simulate(tmp_path, "3-RPR", HIDDEN["zero_shift"])

@@ -38,7 +38,7 @@ def bed(folder: Path, there: float) -> None:
         "frame: known", "frame: unknown"))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("there", [0.0, -1.0])
 def test_a_backlash_that_is_gone_or_turned_in_some_rows_is_no_misreading(tmp_path: Path,
                                                                          there: float) -> None:

@@ -68,7 +68,7 @@ def test_a_backlash_is_tried_in_the_rows_that_know_their_direction(tmp_path: Pat
         assert np.all(column[~known] == 0.0) and np.all(column[known, 0] != 0.0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_backlash_is_named_though_two_of_three_files_know_no_direction(tmp_path: Path) -> None:
     folder = campaign(tmp_path / "p")
     run = ppmcal("diagnose", "machine.yaml", *FILES, "--kind", "backlash", "--seed", "7", "--out",

@@ -28,7 +28,7 @@ def found(period: float) -> Round:
     return last_round(hidden.mechanism, replace(hidden.dataset, q=q))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_screw_of_a_standard_lead_is_named() -> None:
     """Poses are not evenly spaced: they tell 100 turns from all that are fewer."""
     place, = found(0.002).places

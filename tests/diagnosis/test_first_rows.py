@@ -76,6 +76,7 @@ def left_out(found: Any, folder: Path) -> list[int]:
     return [n for n, line in enumerate(lines, 1) if UNKNOWN in line]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("slow", "start", "seed", "on"), [
     (6, -0.9, 1, (1,)), (14, 1.0, 2, (0, 1, 2))])
 def test_the_start_of_play_is_no_event(slow: int, start: float, seed: int, on: tuple[int, ...],
@@ -95,6 +96,7 @@ def test_the_start_of_play_is_no_event(slow: int, start: float, seed: int, on: t
     assert slow <= gone[-1] <= slow + 6
 
 
+@pytest.mark.long
 def test_rows_whose_start_is_known_are_kept(tmp_path: Path) -> None:
     """The first move is shorter than the play, the second one longer."""
     campaign(tmp_path, 0, 0.9, 1, (1,))
@@ -103,6 +105,7 @@ def test_rows_whose_start_is_known_are_kept(tmp_path: Path) -> None:
     assert left_out(found, tmp_path) == [2]
 
 
+@pytest.mark.long
 def test_where_a_play_stood_before_the_first_row_is_no_cause_of_its_own(tmp_path: Path) -> None:
     """The play says it by itself: nothing happened, and no row is left out."""
     campaign(tmp_path, 20, 1.0, 1, (1,))

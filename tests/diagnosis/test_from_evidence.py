@@ -78,7 +78,7 @@ def test_the_page_and_the_commands_use_the_same_probabilities(
     assert total == pytest.approx(1.0) if found["sets"] else not found["effects"][0]["alternatives"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_nothing_hidden_is_nothing_said(tmp_path: Path) -> None:
     """Through Python; the record says what the diagnosis does."""
     campaign(tmp_path, "none-wrench", "hexapod", 3, 1.0)
@@ -89,7 +89,7 @@ def test_nothing_hidden_is_nothing_said(tmp_path: Path) -> None:
     assert not (found.effects or found.unknown or found.suspected)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_two_events_are_named_at_their_rows(tmp_path: Path) -> None:
     truth = campaign(tmp_path, "homed-twice", "3-RPR", 11, 2.0, 100)
     found = diagnosed(tmp_path)
@@ -99,7 +99,7 @@ def test_two_events_are_named_at_their_rows(tmp_path: Path) -> None:
     assert np.all(np.abs(np.subtract(told, true)) <= 3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_has_no_name_says_what_it_looks_like(tmp_path: Path) -> None:
     campaign(tmp_path, "base-walks", "3-RPR", 2, 2.0)
     found = diagnosed(tmp_path)
@@ -111,7 +111,7 @@ def test_what_has_no_name_says_what_it_looks_like(tmp_path: Path) -> None:
     assert "Without a name: " in found["said"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_is_not_linear_leaves_nothing_that_has_a_name(tmp_path: Path) -> None:
     """Weight in a wrong direction is no small motion; a joint off by a turn is in test_rounds."""
     campaign(tmp_path, "gravity-wrong", "3-RPR", 14046, 1.104)

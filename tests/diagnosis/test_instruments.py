@@ -92,7 +92,7 @@ def test_columns_of_pairs_are_differences(tmp_path: Path) -> None:
         pytest.fail("no curvature on tower b was tried")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_bent_tower_is_found_in_heights_and_pairs(tmp_path: Path) -> None:
     """What is there acts on tower a, and what is learned of it predicts what is held out."""
     found = search(tmp_path, 2, 2e-4)

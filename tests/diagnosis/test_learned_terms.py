@@ -100,7 +100,7 @@ def told(folder: Path, effects: list[dict[str, Any]]) -> Mechanism:
 SHAPES = {"dip": [dip()], "speed squared": [squared()], "bowl": bowl()}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("shape", SHAPES)
 def test_most_of_the_gap_is_closed_that_the_truth_closes(tmp_path: Path, shape: str) -> None:
     seed = 1
@@ -239,7 +239,7 @@ def test_nothing_is_learned_of_noise() -> None:
     assert np.abs(quiet.values).max() < 0.05 * np.abs(dipped.values).max()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_diagnosis_learns_and_its_model_helps_the_next_session(tmp_path: Path) -> None:
     """From files: the verdict stays, the model has the term, another session fits it better."""
     campaign(tmp_path, [dip(deep=0.06)], 5, count=60)

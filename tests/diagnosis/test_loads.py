@@ -33,7 +33,7 @@ CASES: dict[str, tuple[str, list[dict[str, Any]], dict[str, float]]] = {
     "inclined": ("6-UPS", INCLINED, {"first": 25.0, "second": -18.0})}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("case", ["along the stroke", "base"])
 def test_it_is_named_with_its_values(case: str, tmp_path: Path) -> None:
     """The kinds of what was simulated and no others, values within four sigmas.
@@ -51,7 +51,7 @@ def test_it_is_named_with_its_values(case: str, tmp_path: Path) -> None:
         assert got[name]["sigma"] < 0.5 * abs(wanted), name
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("case", CASES)
 def test_a_fit_recovers_it(case: str, tmp_path: Path) -> None:
     """With the kinds in the file, started aside, identify finds their values."""
@@ -68,7 +68,7 @@ def test_a_fit_recovers_it(case: str, tmp_path: Path) -> None:
         assert abs(got[name]["value"] - wanted) < 4.0 * got[name]["sigma"], name
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_clearance_is_no_hardened_compliance(tmp_path: Path) -> None:
     simulate(tmp_path, "3-RPR", [effect("clearance", width=0.03)], count=40, **FINE)
     _, found = diagnose(tmp_path)

@@ -55,7 +55,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     return folder
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", MEMORY)
 def test_named_with_its_size(made: Callable[[str], Path], name: str) -> None:
     """The kind, its joints, and every parameter within four sigma, written as it reads back.
@@ -79,7 +79,7 @@ def test_named_with_its_size(made: Callable[[str], Path], name: str) -> None:
     assert again.code in (0, 1), again.err
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_not_tested_without_an_order(tmp_path: Path) -> None:
     """Neither times nor `approach: sequence`: what to add is said, and no memory is named."""
     folder = campaign(tmp_path, "play")

@@ -43,7 +43,7 @@ def moved(seen: Seen, names: Mapping[str, tuple[float, float]], row: int = ROW) 
                                 for n, m in seen.marks.items()})
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "form", "joint"), [
     ("T2", "wide", 0.0), ("T1", "long", 0.0), ("T3", "several", 0.0), ("T2", "wide", 0.02)])
 def test_the_target_that_moved_is_named_with_its_row(tmp_path: Path, name: str, form: str,
@@ -67,7 +67,7 @@ def test_the_target_that_moved_is_named_with_its_row(tmp_path: Path, name: str, 
     assert effect["target"] == dataset
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_moves_all_targets_is_not_called_one_of_them(tmp_path: Path) -> None:
     """The base, the whole body, and a drive whose zero moved."""
     plain = measured(11)
@@ -84,7 +84,7 @@ def test_what_moves_all_targets_is_not_called_one_of_them(tmp_path: Path) -> Non
         assert only["row"]["low"] <= ROW <= only["row"]["high"], kind
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_of_two_targets_either_may_have_moved(tmp_path: Path) -> None:
     """Against a third nothing tells which: what is named says that it may be the other one."""
     seen = measured(11, names=("T1", "T2"), moved={"T2": (ROW, STEP)})

@@ -42,7 +42,7 @@ def test_whole_poses_show_the_plane_and_every_joint(day) -> None:
     assert observed.joints == pytest.approx(np.ones(3))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_infinite_tolerances_learn_the_same(day) -> None:
     """They say nothing of how large geometry is: the worn place is learned all the same."""
     folder, data = day

@@ -39,7 +39,7 @@ def day(stage):
         "seed": 8}).data[0]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_noise_is_that_of_the_model_with_what_was_named(stage, day):
     said: list[str] = []
     guess = replace(day, estimated=True).noisier(3.0)
@@ -53,7 +53,7 @@ def test_noise_is_that_of_the_model_with_what_was_named(stage, day):
     assert found.start.source == found.remainder.source == "estimated"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_stated_noise_stays(stage, day):
     said: list[str] = []
     with watching(Watch(said.append)):

@@ -82,6 +82,7 @@ def asked(machine: str, seed: int, kinds: tuple[str, ...] = (), eta: float = 1.0
     return last_round(made.mechanism, made.dataset)
 
 
+@pytest.mark.long_cases("0.6-kinds1")
 @pytest.mark.slow
 @pytest.mark.parametrize(("ar", "kinds"), [(0.0, ()), (0.6, ("drift",))])
 def test_correlation_is_that_of_the_noise(ar: float, kinds: tuple[str, ...]) -> None:
@@ -99,7 +100,7 @@ def test_a_strong_slow_effect_is_not_whitened_away() -> None:
     assert found.verdict in ("named", "named-set")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_sensor_scale_and_gain_of_all_encoders_are_not_told_apart() -> None:
     """A larger machine and a longer ruler are the same to every measured pose."""
     system, found = system_of("6-UPS", 9, ("sensor_scale",), 1.0, SMALL)

@@ -87,7 +87,7 @@ def test_rows_that_do_not_belong_are_told_from_causes() -> None:
     assert sorted(names(found)) == ["curvature", *[ROW_FAMILY] * 3]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_no_kind_does_is_unknown() -> None:
     found = posterior(asked("3-RRR-1", ["bump"], 2.0))
     assert UNKNOWN_FAMILY in names(found)

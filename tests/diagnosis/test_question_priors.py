@@ -154,7 +154,7 @@ def test_what_shrinks_where_it_should_grow_has_no_name() -> None:
     assert any("of the opposite sign" in p.label for p in told.unnamed)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_leg_that_settles_over_breaks_has_no_name() -> None:
     """In rows it is a step, in time it is none."""
     found = hide("3-RPR", 7, [], 1.0, Options(poses=90), None)

@@ -23,7 +23,7 @@ def thinned(path: Path) -> Path:
     return path
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(not FLAT.is_dir(), reason="real measurements are not at hand (PPMCAL_DATA)")
 def test_touches_of_a_bed_teach_heights_only(tmp_path: Path) -> None:
     ppmcal.import_config("reprap", FLAT / "config.g", mesh=FLAT / "heightmap.csv").save(tmp_path)
@@ -40,7 +40,7 @@ def test_touches_of_a_bed_teach_heights_only(tmp_path: Path) -> None:
 OTHER = FLAT.parent / "fading-backlash"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(not (FLAT.is_dir() and OTHER.is_dir()),
                     reason="real measurements are not at hand (PPMCAL_DATA)")
 def test_heights_and_distances_of_another_printer_move_no_command_far(tmp_path: Path) -> None:
@@ -62,7 +62,7 @@ def test_heights_and_distances_of_another_printer_move_no_command_far(tmp_path: 
     assert np.all(sent.position_before[ok] < 5e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(not (FLAT.is_dir() and OTHER.is_dir()),
                     reason="real measurements are not at hand (PPMCAL_DATA)")
 def test_a_diagnosis_with_values_of_another_printer_ends_and_moves_no_command(tmp_path: Path

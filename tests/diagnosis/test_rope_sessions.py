@@ -55,7 +55,7 @@ def days(tmp_path_factory):
 @pytest.mark.parametrize(("machine", "cause", "eta", "seed"), [
     ("belts", "homed", 0.5, 901), ("cables", "homed", 0.5, 904), ("belts", "pulled", 1.0, 900),
     ("cables", "pulled", 0.5, 905), ("cables", "elastic", 1.0, 901)])
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_is_hidden_is_named(machine, cause, eta, seed, tmp_path):
     found = told(tmp_path, machine, cause, eta, seed)
     sets, right = named(found), CAUSES[cause][1]
@@ -64,12 +64,12 @@ def test_what_is_hidden_is_named(machine, cause, eta, seed, tmp_path):
 
 @pytest.mark.parametrize("machine", ["belts", "cables"])
 @pytest.mark.parametrize("cause", ["none-by-day", "none-in-force"])
-@pytest.mark.slow
+@pytest.mark.long
 def test_nothing_is_named_where_nothing_is_hidden(machine, cause, tmp_path):
     assert told(tmp_path, machine, cause, 1.0, 906)["verdict"] == "none"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_changed_pull_is_told_by_session(tmp_path):
     found = told(tmp_path, "belts", "pulled", 1.0, 901)
     strain = [s["parameters"]["strain"] for s in found["effects"][0]["sessions"]]
@@ -78,7 +78,7 @@ def test_a_changed_pull_is_told_by_session(tmp_path):
     assert any("is not the same in all sessions" in text for text in found["findings"])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_joints_homed_anew_are_told_with_their_session(tmp_path):
     found = told(tmp_path, "belts", "homed", 1.0, 901)
     assert any("begins with session" in text for text in found["findings"])
@@ -110,7 +110,7 @@ def test_what_begins_with_a_session_is_as_likely_as_what_is_homed_anew(days):
     assert sets[0] < sets[1]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_tensions_that_are_missing_are_named(tmp_path):
     found = told(tmp_path, "belts", "none", 1.0, 907)
     lack = {u["kind"]: u["missing"] for u in found["not_testable"]}
@@ -129,7 +129,7 @@ SCENARIO = {
     "conditions": {"tension": [20, 100]}, "seed": 12}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_hidden_elongation_is_simulated_and_found(tmp_path):
     machine = ppmcal.load(ppmcal.shipped("maslow"))
     made = ppmcal.simulate(machine, SCENARIO).data[0]
@@ -147,7 +147,7 @@ def test_tensions_are_refused_where_no_ropes_pull_against_each_other():
     assert error.value.where.endswith("conditions.tension")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_elongation_is_planned_for_by_tensions(tmp_path):
     side = {"format": "ppmcal/dataset/1", "units": {"length": "mm", "angle": "deg"},
             "instrument": {"kind": "none", "sigma": {"actuator": 0.3}}}
@@ -165,7 +165,7 @@ def test_elongation_is_planned_for_by_tensions(tmp_path):
     assert {round(m) for m in mean.tolist()} == {20, 80}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_command_line_simulates_finds_and_plans_elongation(tmp_path):
     machine = str(ppmcal.shipped("maslow"))
     scenario, none = tmp_path / "scenario.yaml", tmp_path / "none.yaml"

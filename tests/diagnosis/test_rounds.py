@@ -125,7 +125,7 @@ def slipped(tmp_path_factory: pytest.TempPathFactory) -> Fit:
     return identify(with_whole_rows(Problem(mechanism, data, mechanism.free)), FitOptions())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_is_too_large_for_its_derivatives_is_fitted_before_another_cause_is_asked_for(
         slipped: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
     """Once: a round that finds nothing new is the last, the same fit would be asked the same."""

@@ -29,7 +29,7 @@ def holds(found: dict[str, Any], effects: list[dict[str, Any]], actuators: list[
     assert gap["after"] < 1.25 < gap["before"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_sample_campaign(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Its scenario, which no command of the demo is given, says what is hidden."""
     folder = shared_demo(tmp_path_factory)

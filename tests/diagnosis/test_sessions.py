@@ -36,7 +36,7 @@ def two_days(folder: Path, first: list[dict[str, Any]], second: list[dict[str, A
              frame={"x": -2, "y": 5, "rz": -2})
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_is_there_on_both_days_is_the_machines(tmp_path: Path) -> None:
     two_days(tmp_path, BACKLASH, BACKLASH)
     _, found = diagnose(tmp_path, DATA, OTHER, "--leave-out", "session")
@@ -54,7 +54,7 @@ def test_what_is_there_on_both_days_is_the_machines(tmp_path: Path) -> None:
     assert found["gap"]["after"] == by_session["averaged"]["error"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_probabilities_name_what_was_there_on_one_day(tmp_path: Path) -> None:
     """As that effect, not the same in all sessions: no unknown cause has to do it."""
     two_days(tmp_path, [], BACKLASH)
@@ -68,7 +68,7 @@ def test_probabilities_name_what_was_there_on_one_day(tmp_path: Path) -> None:
     assert told.startswith("backlash on leg1 is not") and "mm in s" in told and "mm in t" in told
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_sizes_are_those_of_each_day(tmp_path: Path) -> None:
     """The day on which it was larger is told with the larger size."""
     widths = {"s": 0.027, "t": 0.033}
@@ -81,7 +81,7 @@ def test_sizes_are_those_of_each_day(tmp_path: Path) -> None:
         assert abs(width["value"] - widths[s["session"]]) < 4.0 * width["sigma"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_each_session_is_predicted_by_a_fit_of_the_other(tmp_path: Path) -> None:
     """Against two commands: a fit of one day, tested on the other day."""
     two_days(tmp_path, [], [])
@@ -113,7 +113,7 @@ def test_a_session_column_splits_a_file(tmp_path: Path) -> None:
     assert 0.004 < found["residual"]["holdout"]["position"]["rms"] < 0.03
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_left_out_session_is_predicted_to_first_order_as_by_a_fit_without_it(
         tmp_path: Path) -> None:
     """Registration on its own rows, all else from the other session."""

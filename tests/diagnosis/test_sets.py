@@ -34,7 +34,7 @@ def test_probabilities_add_up_to_one() -> None:
     assert not any(r.bare for r in Readings(tuple(others), None).others)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_true_effect_beside_an_unknown_one_is_named() -> None:
     found = diagnosed("delta-linear", 1, ("random_walk", "backlash"))
     assert found.verdict == "partial"
@@ -42,7 +42,7 @@ def test_a_true_effect_beside_an_unknown_one_is_named() -> None:
     assert found.unknown and all(u.probability > 0.5 for u in found.unknown)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_odds_against_an_alternative_are_those_of_the_probabilities() -> None:
     found = diagnosed("3-RPR", 1, ("backlash",), 0.5, 30)
     for effect in found.effects:

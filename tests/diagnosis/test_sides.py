@@ -69,7 +69,7 @@ def turned(folder: Path, names: tuple[str, ...]) -> None:
     write_csv(folder / DATA, [r | {n: f"{-float(r[n]):g}" for n in names} for r in table])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_drive_behind_its_encoder_is_named_with_its_side(tmp_path: Path) -> None:
     """``simulate`` makes it, ``check`` has nothing against it, and turned directions lead."""
     bench(tmp_path, [effect("backlash", width=-0.03)])
@@ -89,7 +89,7 @@ def test_a_drive_behind_its_encoder_is_named_with_its_side(tmp_path: Path) -> No
     assert other["effects"][0]["probability"] == pytest.approx(one["probability"], rel=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_one_column_against_the_others_is_a_note(tmp_path: Path) -> None:
     bench(tmp_path, [effect("backlash", width=-0.03)])
     turned(tmp_path, ("dir_leg2",))

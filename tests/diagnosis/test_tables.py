@@ -79,7 +79,7 @@ def case(name: str, later: float = 0.0) -> Case:
     return Case(result, record, list(csv.DictReader(io.StringIO(effects_csv(result)))))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", list(SUBSETS))
 def test_every_named_effect_has_its_row(name: str) -> None:
     """Those on a few actuators too, whose form the library did not hold."""
@@ -111,7 +111,7 @@ def test_one_probability_per_effect(name: str) -> None:
     assert others == sorted(others, reverse=True)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("later", [0.0, 1.7e9])
 def test_groups_are_the_same_before_and_after(later: float) -> None:
     """Each group of rows has its own figure with the effects, near the noise in all of them."""
@@ -146,7 +146,7 @@ def test_next_step_agrees_with_the_findings() -> None:
 # --- the record ---------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_is_written_reads_back_equal(tmp_path: Path) -> None:
     """All of it; a null stands for a missing key, and what is not written is not made up."""
     path = tmp_path / "diagnosis.json"

@@ -30,7 +30,7 @@ def found(answers: np.ndarray) -> Round:
     return last_round(hidden.mechanism, data)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_yields_as_one_piece_is_no_compliance_of_joints() -> None:
     """A hinge in a platform: each load turns it, and it moves all three joints."""
     lever = np.array([1.0, -0.6, 0.3])
@@ -40,6 +40,6 @@ def test_what_yields_as_one_piece_is_no_compliance_of_joints() -> None:
     assert not place.named
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_joints_that_yield_alike_have_their_name() -> None:
     assert [p.label.split(" ")[0] for p in found(1e-6 * np.eye(3)).places] == ["compliance"]

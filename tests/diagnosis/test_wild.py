@@ -78,7 +78,7 @@ def in_sequence(folder: Path, effects: list[dict[str, Any]], **changes: Any) -> 
     return folder
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [4])
 def test_backlash_in_a_sequence_is_named(tmp_path: Path, seed: int) -> None:
     """The direction of approach follows from the order, also where rows are held out.
@@ -95,7 +95,7 @@ def test_backlash_in_a_sequence_is_named(tmp_path: Path, seed: int) -> None:
     assert not_used(tmp_path) == {1: "dir_leg1 is not known here", 2: "dir_leg1 is not known here"}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [5])
 def test_no_backlash_in_a_sequence_without(tmp_path: Path, seed: int) -> None:
     _, found = diagnose(in_sequence(tmp_path, [], seed=seed))
@@ -154,7 +154,7 @@ def emptied(folder: Path, column: str, where: range) -> None:
     write_csv(folder / DATA, table)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_temperature_that_few_rows_lack(tmp_path: Path) -> None:
     simulate(tmp_path, "6-UPS", [], count=120, **SINGLE)
     emptied(tmp_path, "temperature", range(50, 53))
@@ -166,7 +166,7 @@ def test_a_temperature_that_few_rows_lack(tmp_path: Path) -> None:
     assert "leg_thermal" not in {e["kind"] for e in found["not_testable"]}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_temperature_that_most_rows_lack(tmp_path: Path) -> None:
     simulate(tmp_path, "6-UPS", [], count=120, **SINGLE)
     emptied(tmp_path, "temperature", range(20, 110))
@@ -191,6 +191,7 @@ def repeated(folder: Path, seed: int, **changes: Any) -> list[int]:
     return [n for n in range(len(poses)) if n == 0 or poses[n] != poses[n - 1]]
 
 
+@pytest.mark.long_cases("by a part of the move")
 @pytest.mark.slow
 @pytest.mark.parametrize("how", ["by some sigma", "by a part of the move"])
 def test_first_rows_that_fall_short_have_a_pattern(tmp_path: Path, how: str) -> None:
@@ -210,7 +211,7 @@ def test_first_rows_that_fall_short_have_a_pattern(tmp_path: Path, how: str) -> 
                for f in found["findings"])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [4, 5, 6])
 def test_gross_errors_have_no_pattern(tmp_path: Path, seed: int) -> None:
     repeated(tmp_path, seed, noise={"outliers": 0.1})
@@ -234,7 +235,7 @@ def without(fit: Fit, gone: np.ndarray) -> Fit:
         int(n): Note(f"{OUTLIER}: test", NOTE, OUTLIER) for n in np.flatnonzero(gone)},))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("count", [4, 12, 30])
 def test_chance_has_a_pattern_as_rarely_as_its_prior_says(plain: Fit, count: int) -> None:
     module = pytest.importorskip("ppmcal.calibration.validation.left_out_rows")
@@ -311,7 +312,7 @@ def test_identify_tells_the_corner_where_rows_are_wrong(tmp_path: Path) -> None:
     assert re.search(CORNER, " ".join(run.out.split()))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_diagnose_tells_the_corner_where_rows_are_wrong(tmp_path: Path) -> None:
     """What hits rows at one place has no name, and is something all the same."""
     moved = reflected(tmp_path)
@@ -358,7 +359,7 @@ def test_more_rows_than_gross_errors_explain(plain: Fit) -> None:
 # --- the gap on stretches of time and conditions --------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_block_is_predicted_as_by_a_fit_without_it(tmp_path: Path) -> None:
     """By the formula and by honest refits: to 1 % of the noise, without and with the effect."""
     gap = pytest.importorskip("ppmcal.diagnosis.held_out_gap")
@@ -383,7 +384,7 @@ def test_a_block_is_predicted_as_by_a_fit_without_it(tmp_path: Path) -> None:
             assert abs(rms - (square / count) ** 0.5) < 0.01, (by, rms)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("hidden", [effect("backlash", ["leg3"], width=0.1),
                                     effect("leg_thermal", ["leg2"], expansion=25e-6)])
 def test_what_is_there_predicts_every_stretch(tmp_path: Path, hidden: dict[str, Any]) -> None:
@@ -414,7 +415,7 @@ def with_jump(folder: Path, shift: float, seed: int, at: float = 0.5) -> Path:
     return folder
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("seed", "at"), [(4, 0.5), (5, 0.5), (4, 0.8)])
 def test_a_jump_while_it_gets_warmer_is_not_heat(tmp_path: Path, seed: int, at: float) -> None:
     """Leg 2 loses its zero by 30 um: it is called that, alone or in a set of events."""
@@ -432,7 +433,7 @@ def test_a_jump_while_it_gets_warmer_is_not_heat(tmp_path: Path, seed: int, at: 
 # --- units ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_payload_in_grams_is_not_a_stiffer_machine(tmp_path: Path) -> None:
     """Where the file says kg, stiffness comes out a thousand times too large."""
     simulate(tmp_path, "6-UPS", [effect("compliance", stiffness=5900.0)], count=40,
@@ -451,6 +452,7 @@ def test_a_payload_in_grams_is_not_a_stiffer_machine(tmp_path: Path) -> None:
     assert abs(stiffness["value"] - 5900.0) < 3.0 * stiffness["sigma"]
 
 
+@pytest.mark.long_cases("4")
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [4, 5])
 def test_gains_of_a_tenth_are_no_gains(tmp_path: Path, seed: int) -> None:
@@ -471,7 +473,7 @@ def test_gains_of_a_tenth_are_no_gains(tmp_path: Path, seed: int) -> None:
         assert any("no machine has that; check the unit of" in f for f in found["findings"])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_sigma_a_thousand_times_too_large(tmp_path: Path) -> None:
     simulate(tmp_path, "6-UPS", [], count=40, **SINGLE)
     edit(tmp_path, instrument={"kind": "pose", "sigma": {"position": 5.0, "rotation": 1.0}})
@@ -489,7 +491,7 @@ FLAT: list[tuple[str, str, float, str, int]] = [
     ("sample", "unknown", 10.0, "one", 5), ("6-UPS", "known", 10.0, "one", 6)]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("machine", "frame", "looser", "approach", "seed"), FLAT)
 def test_a_flat_grid_shows_no_effect_that_is_not_there(
         tmp_path: Path, machine: str, frame: str, looser: float, approach: str, seed: int) -> None:
@@ -519,7 +521,7 @@ def test_a_flat_grid_shows_no_effect_that_is_not_there(
         assert found["verdict"] in ("none", "weak") and named(found) == {}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_wave_that_is_there_is_named(tmp_path: Path) -> None:
     """An eighth of the stroke on one leg, in 120 rows."""
     simulate(tmp_path, "6-UPS", [effect("periodic", ["leg3"], cos=0.02, sin=0.01, period=68.0)],

@@ -22,6 +22,7 @@ def of_two(other: int) -> Problem:
     return Problem(mine.mechanism, (mine.dataset, more), mine.mechanism.free)
 
 
+@pytest.mark.long_cases("8-gone0")
 @pytest.mark.parametrize(("other", "gone"), [(8, frozenset({"more"})), (7, frozenset())])
 @pytest.mark.slow
 def test_a_file_of_another_machine_is_told(other: int, gone: frozenset[str]) -> None:
@@ -29,7 +30,7 @@ def test_a_file_of_another_machine_is_told(other: int, gone: frozenset[str]) -> 
     assert wrong_files(explained(fit, FitOptions())[-1]) == gone
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_nothing_is_named_because_of_it() -> None:
     found = diagnose(of_two(8), DiagnosisOptions())
     fit = found.identification.fit

@@ -115,6 +115,8 @@ def on_a_desk(step: Step, folder: Path) -> Ran:
     return ran
 
 
+@pytest.mark.long_cases(
+    "again-21", "controllers-302", "figures-7", "kinematics-109", "measuring-131", "plan-3")
 @pytest.mark.parametrize(("page", "whole", "unit"), list(cases()))
 def test_what_a_page_shows_runs(page, whole, unit, request, tmp_path):
     folder = tmp_path / "here"

@@ -279,7 +279,7 @@ def test_diagnose_says_it_too_and_its_noise_is_that_of_rows_counted_once(bench, 
 # --- what the intervals are worth ---------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_intervals_of_copied_rows_hold_what_they_say(bench, tmp_path):
     """Errors over sigma of many campaigns, each row copied six times: as wide as without copies."""
     pulls = []
@@ -374,6 +374,7 @@ def test_a_copy_is_not_carried_on(bench, calibrated, tmp_path, change, units):
     assert "is in that calibration already" in " ".join(run.err.split())
 
 
+@pytest.mark.long_cases("as_inches-in", "dict-mm")
 @pytest.mark.slow
 @pytest.mark.parametrize(("change", "units"), COPIES)
 def test_a_copy_is_no_test_of_a_calibration(bench, calibrated, tmp_path, change, units):
@@ -389,7 +390,7 @@ def test_a_copy_is_no_test_of_a_calibration(bench, calibrated, tmp_path, change,
     assert any("the model was fitted to 7 of these 19 rows" in f for f in run.json["findings"])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_only_new_rows_of_a_file_that_grew_are_carried_on(bench, calibrated, tmp_path):
     plain, new = measured(bench), other_rows(bench, tmp_path, 11, 20)
     grown = copy_of(bench, [*plain, *new], "grown", in_fewer_digits, "mm")

@@ -114,6 +114,7 @@ RECORDS: dict[str, Callable[[Path], Record]] = {
     "linuxcnc": exported("linuxcnc", "6-UPS"), "grid": exported("grid", "3-RPR")}
 
 
+@pytest.mark.long_cases("grid")
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", RECORDS)
 def test_what_is_read_is_what_was_written(tmp_path: Path, kind: str) -> None:

@@ -149,7 +149,7 @@ def moving(folder: Path, form: str, count: int = 90) -> list[Path]:
     return made
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("form", ["name", "file"])    # the others are read above
 def test_three_targets_tell_the_offset_of_the_clocks(tmp_path: Path, form: str) -> None:
     result = ppmcal.read(moving(tmp_path, form), MACHINE, interpolate=True, clock_offset="find")

@@ -169,7 +169,7 @@ def mechanism_trees(draw):
 
 @SETTINGS
 @given(tree=mechanism_trees())
-@pytest.mark.slow
+@pytest.mark.long
 def test_mechanisms_read_back_equal(tmp_path, tree):
     path = tmp_path / "m.yaml"
     path.write_text(dump_yaml(tree), encoding="utf-8")
@@ -184,7 +184,7 @@ def test_mechanisms_read_back_equal(tmp_path, tree):
     assert_same(second, back(second, path))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @SETTINGS
 @given(seed=st.integers(0, 1000), scale=st.sampled_from([0.0, 1e-9, 1e-3, 0.02]),
        good=st.sampled_from(["bench", "crank", "rails"]))

@@ -22,7 +22,7 @@ def torture(*words: str) -> str:
     return done.stdout
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(not AVAILABLE, reason="needs ptrace of x86-64")
 def test_commands_survive() -> None:
     said = torture("init", "simulate", "--kinds", "kills,disks,signals,crowds", "--every", "4")
@@ -31,7 +31,7 @@ def test_commands_survive() -> None:
     assert not re.search(r"\b(nothing|old|new|read) 0\b", said), said
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(not AVAILABLE, reason="needs ptrace of x86-64")
 @pytest.mark.parametrize("words", [
     "--kinds names", "--kinds locales", "--kinds small --every 3 init import simulate",

@@ -68,6 +68,7 @@ def both(monkeypatch, work):
     return plain, work()
 
 
+@pytest.mark.long_cases("cables")
 def test_newton_ends_at_the_same_least_squares(rows, monkeypatch):
     model, q, there = rows
     (slow, sure, _), (fast, found, _) = both(monkeypatch, lambda: newton(model.closure(q), there))
@@ -77,6 +78,7 @@ def test_newton_ends_at_the_same_least_squares(rows, monkeypatch):
     assert compiled_limbs.compiled_limbs(model.closure(q), COUNT) is not None
 
 
+@pytest.mark.long_cases("cables")
 @pytest.mark.slow_cases("cranks, some gap")
 def test_rows_from_home_come_to_the_same_poses(rows, monkeypatch):
     model, q, _ = rows

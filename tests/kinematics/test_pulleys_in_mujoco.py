@@ -92,7 +92,7 @@ def lengths(mechanism, g, pose):
 
 
 @pytest.mark.parametrize("name", HALF)
-@pytest.mark.slow
+@pytest.mark.long
 def test_tendons_around_cylinders_calibrate_the_machine(name, tmp_path):
     """Poses of which no row tells come out to less than 1e-9 m, in frames laid together."""
     path = Path(tmp_path) / "machine.yaml"

@@ -91,7 +91,7 @@ def test_the_sag_is_that_of_a_catenary():
             assert weight**2 * dx**2 * chord / (24.0 * f**2) == pytest.approx(arc - chord, rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_elongation_is_identified_beside_anchors(tmp_path):
     """Without noise: positions of a loaded pen tell how much ropes give, to 1e-9 m of places."""
     tree = plotter(elongation={"value": 0, "free": True, "tolerance": 1e-4}, weight=1e-3 * WEIGHT)

@@ -51,6 +51,7 @@ def lengths(anchors, hooks, poses):
     return np.array(out)
 
 
+@pytest.mark.long_cases("rope_cage")
 @pytest.mark.parametrize("tree", [belts, rope_cage], ids=lambda t: t.__name__)
 @pytest.mark.slow
 def test_lengths_of_another_simulator_calibrate_the_machine(tree, tmp_path):

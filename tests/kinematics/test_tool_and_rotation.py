@@ -251,7 +251,7 @@ def test_effects_are_made_up_for_in_gimbal_lock():
     np.testing.assert_allclose(reached, [[*wanted[0, :3], 0.0, 0.0, 0.1]], atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_open_angles_of_files_go_with_the_named_ones(tmp_path):
     (tmp_path / "m.yaml").write_text((ROOT / "configs" / "3-RPS.yaml").read_text())
     names = ["x", "y", "z", "euler_1", "euler_2", "euler_3"]
@@ -357,7 +357,7 @@ def test_gimbal_lock_is_a_note_not_a_warning(hexapod):
 
 
 @pytest.mark.parametrize("rotation", ["rotvec", "euler-xyz"])
-@pytest.mark.slow
+@pytest.mark.long
 def test_open_coordinates_of_the_tool_are_filled_in(tmp_path, rotation):
     (tmp_path / "m.yaml").write_text(machines.plain_text("R(P)S"))
     names = ["x", "y", "z", *(["rx", "ry", "rz"] if rotation == "rotvec" else

@@ -162,7 +162,7 @@ def test_linear_problem_of_files(bench: Path) -> None:
                              if c.kind in ("gain", "curvature"))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_command_scores_and_goes_on(bench: Path, tmp_path: Path, capsys) -> None:
     """What was answered before stands; a submission is scored as the run was."""
     asked = ["--truth", str(bench / "truth"), "--data", str(bench), "--out", str(tmp_path / "out"),
@@ -183,7 +183,7 @@ def test_command_scores_and_goes_on(bench: Path, tmp_path: Path, capsys) -> None
     assert "| k (injected) | 1 | bic | 1 (2-100) |" in capsys.readouterr().out
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_tool_answers_both(bench: Path, tmp_path: Path) -> None:
     assert main(["--truth", str(bench / "truth"), "--data", str(bench), "--out",
                  str(tmp_path / "out"), "--methods", "ppmcal"]) == 0

@@ -537,6 +537,7 @@ def assert_derivatives(name: str, kinds: tuple[str, ...]) -> None:
     assert {n: a for n, a in apart.items() if a > allowed} == {}
 
 
+@pytest.mark.long_cases("3-RPS-payload_offset")
 @pytest.mark.slow
 @one_each
 def test_derivatives_against_differences(name: str, kind: str) -> None:

@@ -121,7 +121,7 @@ def test_touches_need_a_height() -> None:
     PLANE.refuse(SCHOENFLIES, 0, "a.yaml")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_instrument_of_another_package(tmp_path: Path) -> None:
     """That of the page: simulated, checked, fitted, planned for; no line here knows it."""
     site = install(tmp_path / "site", "workshop_instrument", block("Add an instrument"), {
@@ -166,6 +166,7 @@ def names_compared(node: ast.AST) -> set[str]:
     return {str(w.value) for w in words if isinstance(w, ast.Constant)} if asked else set()
 
 
+@pytest.mark.long
 def test_no_other_module_compares_names_of_instruments() -> None:
     """Figures are of positions, rotations, heights: `kind` of an error is another word."""
     root = Path(package.__file__).parent

@@ -220,7 +220,7 @@ def test_a_joint_table_ends_where_the_term_does(tmp_path: Path) -> None:
     np.testing.assert_allclose(m + 4e-4 + 1e-3 * spline(1e3 * m), n, rtol=0.0, atol=3e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_uncertainty_of_a_command_is_that_of_drawn_functions(tmp_path: Path) -> None:
     """Two ways: the covariance along derivatives, and poses of machines with values drawn."""
     mechanism = read(tmp_path, TRAVEL)

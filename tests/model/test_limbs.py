@@ -140,6 +140,7 @@ def test_the_gap_with_finite_frame_errors_is_the_matrix_chains(kind: str) -> Non
                                    machines.limb_lengths(model, q, at), rtol=0.0, atol=3e-15)
 
 
+@pytest.mark.long_cases("perturbed-(R)US")
 @pytest.mark.slow
 @each
 @at_both
@@ -156,6 +157,7 @@ def test_slot_derivatives_are_those_of_the_matrix_chain(kind: str, shifted: bool
                                    rtol=1e-8, atol=1e-9, err_msg=p.name)
 
 
+@pytest.mark.long_cases("perturbed-(R)US")
 @each
 @at_both
 @pytest.mark.slow_cases("perturbed-(R)US")

@@ -193,7 +193,7 @@ SLIDER_CRANK = FIVE_BAR.replace("planar-point", "along-a-rail").replace(
     "{x: 0, y: 170}", "{x: 150}")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_motion_of_another_package(tmp_path: Path) -> None:
     """A crank that drives a carriage along x: one coordinate, one limb."""
     site = install(tmp_path / "site", "workshop_rail", (

@@ -187,7 +187,7 @@ def test_what_is_refused_of_pulleys() -> None:
     assert refused(yaml.safe_dump(machine))[0].startswith("pulley and swivel_pulley are given")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_schema_knows_pulleys() -> None:
     definitions = file_schema("mechanism")["$defs"]
     own = definitions["limb rope over a pulley"]["properties"]["base"]["properties"]["pulley"]

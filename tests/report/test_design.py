@@ -302,7 +302,7 @@ def test_page_needs_nothing_else(tmp_path: Path) -> None:
     assert re.search(r"\.picture img\{[^}]*max-width:100%", style)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_real_commands_are_reported(tmp_path: Path) -> None:
     """What the commands write now is what this section reads."""
     root = ROOT

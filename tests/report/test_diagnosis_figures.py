@@ -127,7 +127,7 @@ def joint_errors(fit: Fit, keep: NDArray[np.bool_]) -> tuple[Array, Array]:
             np.sqrt(np.einsum("nam,m->na", back**2, sigma**2)))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_sizes_have_the_interval_of_the_fit_and_held_out_rows_say_what_they_chose(
         cases: Callable[[str], Case]) -> None:
     case = cases("named")
@@ -264,6 +264,7 @@ def test_gap_from_start_to_noise(cases: Callable[[str], Case]) -> None:
 # --- pictures -------------------------------------------------------------------------------------
 
 
+@pytest.mark.long_cases("named-set", "none", "unnamed")
 @pytest.mark.parametrize("verdict", ["named", "none", *(
     pytest.param(v, marks=pytest.mark.slow) for v in ("named-set", "unnamed"))])
 @pytest.mark.slow

@@ -110,7 +110,7 @@ def test_the_page_of_a_batch_shows_names_as_text(desk: Path) -> None:
     assert "alert(1)" in page
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_pictures_show_names_as_text(desk: Path) -> None:
     ppmcal("validate", "identified", FILE, "-q", cwd=desk)
     ppmcal("diagnose", "mine.yaml", FILE, "-q", cwd=desk)

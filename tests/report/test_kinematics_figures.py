@@ -133,7 +133,7 @@ def test_a_spatial_path_is_seen_from_where_it_is_wide():
     assert len(figures(face.inverse(CONFIGS / "6-UPS.yaml", flat))["path"]) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_of_all_modes_the_machines_own_is_drawn():
     joints = face.inverse(CONFIGS / "3-RPR.yaml", spiral()).q * 1e3
     result = face.forward(CONFIGS / "3-RPR.yaml", joints, all_modes=True)

@@ -302,6 +302,7 @@ def test_all_on_one_page(folders: Path) -> None:
     json.dumps(out, allow_nan=False)
 
 
+@pytest.mark.long_cases("fit/identification.json")
 @pytest.mark.parametrize("source", ["fit/identification.json", "cmp/comparison.json",
                                     "lean/export.json"])
 @pytest.mark.slow
@@ -332,6 +333,7 @@ def places(value: Any, put: Callable[[Any], None] | None = None) -> list[Callabl
     return out
 
 
+@pytest.mark.long_cases("cmp/comparison.json", "grid/export.json", "lean/export.json")
 @pytest.mark.slow
 @pytest.mark.parametrize("source", ["fit/identification.json", "touches/identification.json",
                                     "cmp/comparison.json", "lean/export.json",

@@ -81,7 +81,7 @@ EVERY = ("fit1", "validated", "compared", "path", "sent", "sim1")
 
 @pytest.mark.parametrize(("width", "folders"), [(84.0, EVERY), (174.0, ("fit1",))],
                          ids=["one column", "two columns"])
-@pytest.mark.slow
+@pytest.mark.long
 def test_pdf_is_as_wide_as_asked_with_embedded_fonts_and_letters_of_seven_to_eight_points(
         desk: Path, width: float, folders: tuple[str, ...]) -> None:
     found = figures(desk, *folders, "--width", f"{width:g}mm")
@@ -96,7 +96,7 @@ def test_pdf_is_as_wide_as_asked_with_embedded_fonts_and_letters_of_seven_to_eig
         assert {7.0 <= size <= 8.01 for size in letters_of(pdf)} == {True}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_svg_is_xml_with_text_and_the_same_shapes_and_png_has_its_size(desk: Path) -> None:
     for form in ("svg", "png"):
         found = figures(desk, "fit1", "--format", form, out=form)
@@ -119,7 +119,7 @@ def test_svg_is_xml_with_text_and_the_same_shapes_and_png_has_its_size(desk: Pat
                     assert picture.width / dots * 25.4 == pytest.approx(84.0, abs=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_same_bytes_come_twice_from_another_process(desk: Path) -> None:
     first = {n: p.read_bytes() for n, p in figures(desk, "fit1").items()}
     ppmcal_process("figures", "fit1", "--out", "again", cwd=desk, expect=0)
@@ -181,7 +181,7 @@ def test_refusals_say_what_to_write(desk: Path, words: tuple[str, ...], told: st
     assert told in said and hint in said
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_batch_has_the_figures_of_all_its_campaigns(desk: Path) -> None:
     """Called by machine, date and command; the same as of each folder alone."""
     (desk / "fleet.yaml").write_text(
@@ -268,7 +268,7 @@ def test_the_reader_of_latex_notices_what_an_engine_would(text: str, fault: str)
     assert any(fault in one for one in faults(text)), faults(text)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_tables_and_captions_are_latex(desk: Path) -> None:
     """Of every kind of figure, by a reader of its own: where no engine is, none is needed."""
     found = figures(desk, "fit1", "fit2", "compared", "validated", "path", "sent", out="every")

@@ -86,7 +86,7 @@ def diagnosed(case: str, machine: str, rows: int, seed: int, folder: Path
             json.loads((folder / "truth.json").read_text(encoding="utf-8")))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_gap_of_one_leg_is_named(tmp_path: Path) -> None:
     found, truth = diagnosed("joint-gap-one", "delta-linear", 90, 1, tmp_path / "c")
     (hidden,) = truth["effects"]
@@ -102,7 +102,7 @@ def test_a_gap_of_one_leg_is_named(tmp_path: Path) -> None:
     assert limb["base"]["axis_offset"]["value"] == pytest.approx(size["value"], rel=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_no_gap_is_named_where_axes_meet(tmp_path: Path) -> None:
     """How often nothing is named of the other machines is in docs/rates."""
     found, _ = diagnosed("none", "delta-linear", 90, 1, tmp_path / "c")

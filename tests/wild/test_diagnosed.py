@@ -26,7 +26,7 @@ def told(found: DiagnosisResult) -> set[tuple[str, float]]:
             for e in found.record.entries()["effects"]}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_typos_do_not_pull_the_fit_of_the_training_rows_away(tmp_path: Path) -> None:
     """Joints and positions typed wrong in six rows: only those are out, and nothing is there."""
     truth = write("gross-5", "delta-rotary", 120, 313442, tmp_path)
@@ -38,7 +38,7 @@ def test_typos_do_not_pull_the_fit_of_the_training_rows_away(tmp_path: Path) -> 
     assert len(training) <= len(wrong)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_events_with_their_rows(tmp_path: Path) -> None:
     """A zero that moves there and back, which makes rows look correlated."""
     found = told(diagnosed(tmp_path, "homed-there-and-back", "3-RPR", 220423))
@@ -46,7 +46,7 @@ def test_events_with_their_rows(tmp_path: Path) -> None:
     assert all(min(abs(row - at) for _, at in found) <= 2 for row in (40, 70))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("case", "machine", "seed"), [
     ("base-sways", "hexapod", 186372), ("leg-settles", "delta-rotary", 504336)])
 def test_what_wanders_in_time_is_no_row_of_events(tmp_path: Path, case: str, machine: str,
@@ -57,7 +57,7 @@ def test_what_wanders_in_time_is_no_row_of_events(tmp_path: Path, case: str, mac
     assert found.unknown and all("slow course" in u.looks_like for u in found.unknown)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_would_shrink_with_heat_gives_way_to_what_grows(tmp_path: Path) -> None:
     """No expansion is below 0, of each joint neither: these legs look like a base that shrinks."""
     truth = write("leg-heat-late", "3-RPR", 120, 340698, tmp_path)["effects"][0]["parameters"]
@@ -82,7 +82,7 @@ def test_directions_that_are_inverted_in_a_part_of_the_rows(tmp_path: Path) -> N
     assert "another sign than in the other rows" in str(refused.value)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_follows_the_last_move_is_learned(tmp_path: Path) -> None:
     """Joints that stop short by a part of their move: in no library, and it comes back in order."""
     found = diagnosed(tmp_path, "shortfall", "delta-rotary", 266676)
@@ -110,7 +110,7 @@ def test_what_follows_the_last_move_is_learned(tmp_path: Path) -> None:
     assert status.count("ok") > 0.8 * len(status)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_commands_through_a_stretch_that_the_model_misses_say_so(tmp_path: Path) -> None:
     """A worn place of a screw, 0.7 mm deep, that eight of 120 rows met: they were left out."""
     write("wear", "delta-linear", 120, 1003949, tmp_path, 2.0)
@@ -130,7 +130,7 @@ def test_commands_through_a_stretch_that_the_model_misses_say_so(tmp_path: Path)
     assert any("leg2 between" in note for note in sent.notes)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("case", "machine", "seed", "kind"), [
     ("stand-weight", "hexapod", 554533, "base_compliance"),
     ("motion-heat-platform", "3-RPR", 794398, "platform_thermal")])
