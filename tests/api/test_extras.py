@@ -75,7 +75,7 @@ def test_compare_tells_what_changed_without_names_or_platform(folders, break_):
 def test_compensate_sends_commands_without_what_is_told_beside_them(folders, break_):
     model = folders[0] / "identified.yaml"
     whole = ppmcal.compensate(model, TARGETS, frame="base")
-    break_((compensate_command, "_doubts"), (compensate_command, "extrapolated"))
+    break_((compensate_command, "doubts"), (compensate_command, "beyond_measured"))
     bare = ppmcal.compensate(model, TARGETS, frame="base")
     np.testing.assert_array_equal(bare.compensation.q, whole.compensation.q)
     assert len(left_out(bare.notes)) == 2
@@ -215,6 +215,6 @@ def test_the_page_of_a_batch_stands_without_what_is_common(break_):
 
 
 def test_a_fault_of_the_program_is_told(folders, monkeypatch):
-    monkeypatch.setattr(compensate_command, "_doubts", lambda *_: len(3))
+    monkeypatch.setattr(compensate_command, "doubts", lambda *_: len(3))
     with pytest.raises(TypeError):
         ppmcal.compensate(folders[0] / "identified.yaml", TARGETS, frame="base")

@@ -338,7 +338,7 @@ def test_effects_are_listed_without_a_cost(tmp_path: Path) -> None:
     ("[stepper_b]", "[stepper_q]", ["no section [stepper_b]", "mainsail.cfg"]),
     ("Kinematics: delta", "kinematics: corexy", ["corexy", "line 6"]),
     ("Kinematics: delta", "", ["kinematics", "missing"]),
-    ("delta_radius", "delta_radios", ["delta_radius", "missing"]),
+    ("delta_radius", "delta_radios", ["[printer] delta_radios", "Did you mean delta_radius"]),
     ("#*# delta_radius = 140.0", "#*# delta_radius = 14O.0", ["14O.0", "not a number"]),
     ("arm_length: 300.0", "arm_length: 130", ["does not reach the middle"]),
     ("arm_length: 300.0", "arm_length: nan", ["not a number", "arm_length"]),

@@ -21,14 +21,14 @@ COLUMN = re.search(r"^## Add a column of `commands.csv`$.*?^```python\n(.*?)^```
 SENTENCE = '''
 from ppmcal.commands.compensate import run
 
-known = run._doubts
+known = run.doubts
 
 
 def doubts(found, machine, knowledge):
     return [*known(found, machine, knowledge), "the bench was moved"]
 
 
-run._doubts = doubts
+run.doubts = doubts
 '''
 
 

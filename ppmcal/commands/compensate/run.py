@@ -213,7 +213,9 @@ def run(asked: CompensateArguments) -> CompensationResult:
     found = refused(found, unsafe_ways(machine, found)) if asked.path else found
     beside = list[Note]()
     notes += [
-        *told, *base_axes(machine, known, name), *after_events(machine, name),
+        *told,
+        *secondary("which machine and axes commands are for", lambda: [
+            *base_axes(machine, known, name), *after_events(machine, name)], [], beside),
         *secondary("where the model is doubtful", lambda: doubts(found, machine, known), [],
                    beside),
         *secondary("where commands go beyond what was measured", lambda: [*beyond_measured(
