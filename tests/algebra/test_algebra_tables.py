@@ -86,7 +86,7 @@ def test_product_is_cliffords(
         np.testing.assert_allclose(ours[index], oracle.lower(table.out, theirs), atol=1e-12)
 
 
-@pytest.mark.long_cases("scalar")
+@pytest.mark.long_cases("scalar", "vector")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMED)
 def test_dual_and_reverse_are_cliffords(

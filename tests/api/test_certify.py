@@ -379,7 +379,7 @@ def test_a_folder_of_validate_certifies_the_same_and_is_made_again(bench: Path) 
     assert "the same" in said or "same" in said
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_failed_decision_is_a_finding_and_held_out_poses_do(bench: Path) -> None:
     write_about(bench, "tight.yaml", decision={"rule": "guarded acceptance", "limit": 0.001})
     run = ppmcal("certify", "identified", "--about", "tight.yaml", "--out", "tight", cwd=bench,

@@ -129,6 +129,7 @@ def test_squares_are_those_of_numpy(bench, monkeypatch):
     np.testing.assert_allclose(fast, plain, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.long_cases("cables, pose")
 def test_blocks_tell_the_same_row_by_row(bench, monkeypatch):
     """Their rows are those of another basis: products of a row's columns are the same."""
     problem, state, keep, weights = bench

@@ -66,7 +66,7 @@ def test_every_campaign_converges() -> None:
     assert {r["converged"] for r in study()} == {"True"}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("machine", CAMPAIGNS)
 @pytest.mark.parametrize("kind", ["position", "rotation"])
 def test_fresh_poses_err_as_much_as_promised(machine: str, kind: str) -> None:

@@ -180,7 +180,7 @@ def test_no_diagnosis_is_built_on_such_a_fit(
 
 # --- noise stated wrongly -------------------------------------------------------------------------
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_sigma_a_thousand_times_too_large_is_a_finding(tmp_path: Path) -> None:
     path = session(tmp_path, sidecar=lambda text: text.replace(
         "position: 0.01", "position: 10").replace("rotation: 0.002", "rotation: 2"))

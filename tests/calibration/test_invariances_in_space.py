@@ -186,6 +186,7 @@ def by_itself(kind):
         "measuring frame": Words(seen=every.seen)}
 
 
+@pytest.mark.long_cases("3-RPS-limbs")
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "changed"), [
     *(("6-UPS", name) for name in by_itself("6-UPS")), ("3-RPS", "limbs"), ("3-RPS", "base")])

@@ -105,7 +105,7 @@ def test_a_reading_that_is_right_for_most_rows_only_does_not_explain_a_file() ->
     assert find_misreading(Problem(machine, (data,), machine.free), 0) is None
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_rotations_tell_the_order_of_joints_where_the_target_is_far_off() -> None:
     """Positions of a target 0.1 m from the platform's middle follow the joints otherwise."""
     machine, data = made(MISREAD["joints 1 to 3 in a ring"], 11)
@@ -175,7 +175,7 @@ QUICK = ("a row late, of three drives", "inches in one drive", "drives in radian
 @pytest.mark.long_cases(
     "Euler of turns of 1.5 deg", "Euler of turns of 4 deg", "a sign in a fifth of the rows",
     "drives exchanged from row 40", "inverse, turns of 3 deg", "joints 1 to 3 in a ring",
-    "target closed", "two joints the other way", "two rows early, dense")
+    "target closed", "two joints the other way", "two rows early, dense", "Euler of turns of 3 deg")
 @pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow)
                                   for n in MISREAD])
 @pytest.mark.slow
@@ -184,7 +184,8 @@ def test_misreadings_that_were_held_back_are_named(name: str) -> None:
 
 
 @pytest.mark.long_cases(
-    "backlash in the plane", "backlash of every drive", "millimetres off", "periodic and gain")
+    "backlash in the plane", "backlash of every drive", "millimetres off", "periodic and gain",
+    "a burst")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", RIGHT)
 def test_right_files_with_real_faults_are_not_misread(name: str) -> None:

@@ -160,7 +160,7 @@ def path_of(mechanism: Mechanism, count: int = 60) -> Array:
     return placed(mechanism, chosen, (low + high) / 2.0 + 0.4 * (high - low) * np.sin(t))
 
 
-@pytest.mark.long_cases("6-RUS")
+@pytest.mark.long_cases("6-RUS", "3-RPS")
 @pytest.mark.parametrize("name", ["3-RPR", "6-UPS", "3-RPS", "delta-rotary", "6-RUS"])
 @pytest.mark.slow
 def test_a_joint_that_jumps_between_neighbours_is_refused(name: str) -> None:
@@ -359,7 +359,7 @@ def conditions(mechanism: Mechanism, count: int) -> dict[str, Array]:
 
 @pytest.mark.long_cases(
     "anchor_give", "compliance", "friction", "gravity_tilt", "lag", "missing_length",
-    "payload_offset", "rope_elasticity", "rope_height", "rope_stretch", "windup")
+    "payload_offset", "rope_elasticity", "rope_height", "rope_stretch", "windup", "backlash")
 @pytest.mark.parametrize("kind", [
     k if k in QUICK else pytest.param(k, marks=pytest.mark.slow) for k in KINDS])
 @pytest.mark.slow

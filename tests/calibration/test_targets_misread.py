@@ -98,6 +98,7 @@ def test_of_two_marks_that_are_turned_against_each_other_either_may_be_wrong(tmp
     assert all("(or the other one in its place): x and y have the other sign" in t for t in told)
 
 
+@pytest.mark.long
 def test_all_marks_alike_are_no_mark_s_mistake(tmp_path: Path) -> None:
     machine(tmp_path)
     seen = measured(4)

@@ -349,7 +349,7 @@ def test_what_cannot_be_told_apart_is_a_set(made: Callable[[str], Path]) -> None
     assert not (made("scale") / "d" / "next.csv").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_no_measurements_are_not_zero_measurements(made: Callable[[str], Path]) -> None:
     reason = found_in(made("scale"))["next_measurements"]["reason"]
     assert not re.search(r"\b0 further", reason)
@@ -382,7 +382,7 @@ def test_next_measurements_can_be_taken(made: Callable[[str], Path]) -> None:
     assert found["next_measurements"]["odds_after"] > 0.999 * SURE_ODDS
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_next_measurements_move_the_way_they_come(made: Callable[[str], Path]) -> None:
     """A joint that comes from below moves up."""
     for r in rows(made("thermal") / "d" / "next.csv"):
@@ -393,6 +393,7 @@ def test_next_measurements_move_the_way_they_come(made: Callable[[str], Path]) -
 # --- what is written ----------------------------------------------------------------------------
 
 
+@pytest.mark.long_cases("backlash", "none", "three")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CAMPAIGNS)
 def test_diagnosis_json(made: Callable[[str], Path], name: str) -> None:

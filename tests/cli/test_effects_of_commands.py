@@ -133,7 +133,9 @@ def test_every_kind_is_recovered_somewhere() -> None:
             if k.evaluate.__module__.startswith("ppmcal.")} <= seen
 
 
-@pytest.mark.long_cases("frame of ropes", "inclined", "lengths of ropes", "ropes")
+@pytest.mark.long_cases(
+    "frame of ropes", "inclined", "lengths of ropes", "ropes", "base plate", "platform plate",
+    "spatial")
 @pytest.mark.slow
 @pytest.mark.parametrize("campaign", CAMPAIGNS)
 def test_simulated_effects_are_identified(tmp_path: Path, campaign: str) -> None:

@@ -137,7 +137,7 @@ def test_a_number_stays_with_its_unit(kept: str) -> None:
         assert kept in wrapped(f"{'x' * lead} {kept} and more words {'y' * 40} that follow it")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_error_is_wrapped_at_a_terminal_and_one_line_in_a_pipe(tmp_path: Path) -> None:
     path = tmp_path / ("a folder of measurements that has a name as long as people give them "
                        "and spaces in it") / "mine.yaml"

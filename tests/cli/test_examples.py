@@ -39,7 +39,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     "diagnose mine.yaml run2.csv", "figures identified --width 174mm",
     "identify mine.yaml run1.csv run2.csv --leave-out session",
     "identify mine.yaml run2.csv --start identified --keep --out kept",
-    "validate identified run2.csv --against identified-may")
+    "validate identified run2.csv --against identified-may", "plan mine.yaml --count 15")
 @pytest.mark.slow_cases(
     "import klipper printer.cfg", "sensitivity mine.yaml --home-only",
     "identify mine.yaml run1.csv", "export maslow fitted-maslow", "export mjcf identified",

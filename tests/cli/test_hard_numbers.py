@@ -213,7 +213,7 @@ IN_SEQUENCE = ("three poses", "poses hardly apart", "two rows typed wrong",
 
 @pytest.mark.long_cases(
     "one in five wrong", "poses apart by round-off", "two rows far beyond any machine",
-    "two rows typed wrong")
+    "two rows typed wrong", "poses hardly apart")
 @pytest.mark.parametrize("name", [n for n, (refused, _) in ROWS.items() if not refused])
 @pytest.mark.slow
 def test_diagnose_of_rows_that_tell_little(bench, tmp_path, name):

@@ -118,7 +118,7 @@ def test_a_folder_of_another_command_is_refused(name: str, here: Path) -> None:
     assert tree(here) == before
 
 
-@pytest.mark.long_cases("certify", "demo", "figures", "plan")
+@pytest.mark.long_cases("certify", "demo", "figures", "plan", "compare")
 @pytest.mark.slow_cases("sensitivity", "import", "identify", "figures", "certify", "report")
 @pytest.mark.parametrize("name", slowly(FOLDERS))
 def test_a_command_replaces_its_own_results_and_takes_stale_ones_away(
@@ -149,6 +149,7 @@ def test_a_command_replaces_its_own_results_and_takes_stale_ones_away(
     assert (here / OUT / "notes.txt").read_text() == "mine"
 
 
+@pytest.mark.long_cases("certify", "plan")
 @pytest.mark.parametrize("name", slowly(FOLDERS))
 @pytest.mark.slow_cases("import", "identify", "certify")
 def test_no_force_replaces_an_input(name: str, done: Callable[[str], tuple[int, Path]], here: Path
@@ -230,6 +231,9 @@ main()
 """
 
 
+@pytest.mark.long_cases(
+    "check mine.yaml --draw machine.html", "import klipper printer.cfg --out o",
+    "init 6-UPS --out mine.yaml --force", "simulate mine.yaml mine.scenario.yaml --out may")
 @pytest.mark.skipif(sys.platform != "linux", reason="has no such limit")
 @pytest.mark.parametrize("line", [
     "init 6-UPS --out new.yaml", "init 6-UPS --out mine.yaml --force",

@@ -53,7 +53,7 @@ def command_of_the_page(folder: Path) -> Path:
     return folder
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_folder_is_a_command_in_every_way_to_call_it(tmp_path: Path) -> None:
     import json
 

@@ -56,7 +56,7 @@ def slow(desk: Path, pause: float, *more: str) -> Terminal:
                     desk / "scenario.yaml", "--out", desk / "s", *more)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_time_left_is_shown_and_the_line_is_gone_at_the_end(desk: Path) -> None:
     terminal = slow(desk, 0.25)
     assert terminal.code() == 3
@@ -68,14 +68,14 @@ def test_the_time_left_is_shown_and_the_line_is_gone_at_the_end(desk: Path) -> N
 
 
 @pytest.mark.parametrize("more", [("--quiet",)])
-@pytest.mark.slow
+@pytest.mark.long
 def test_quiet_shows_no_progress(desk: Path, more: tuple[str, ...]) -> None:
     terminal = slow(desk, 0.1, *more)
     assert terminal.code() == 3
     assert CLEAR not in terminal.shown
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_interrupt_leaves_a_clean_line(desk: Path) -> None:
     terminal = slow(desk, 0.5)
     assert terminal.until(" left")
@@ -84,7 +84,7 @@ def test_an_interrupt_leaves_a_clean_line(desk: Path) -> None:
     assert [line for line in terminal.lines() if line] == ["Stopped."]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_nothing_is_drawn_into_a_pipe(desk: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", WORK.replace("PAUSE", "0.1"), "simulate", desk / "hexapod.yaml",
@@ -93,7 +93,7 @@ def test_nothing_is_drawn_into_a_pipe(desk: Path) -> None:
     assert (done.returncode, done.stdout, done.stderr) == (3, "", "Error: that was it.\n")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_is_printed_never_stands_in_the_line(desk: Path) -> None:
     code = WORK.replace("PAUSE", "0.3").replace("work.done()", "work.done(); log.info('a remark')")
     terminal = Terminal("import logging\nlog = logging.getLogger('ppmcal.x')\n" + code, "simulate",
@@ -131,7 +131,7 @@ def test_long_names_are_cut_in_the_middle() -> None:
 # ---------------------------------------------------------------- -v
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_verbose_says_what_was_read_decided_and_how_long_it_took(desk: Path) -> None:
     run = ppmcal("identify", "hexapod.yaml", "measurements.csv", "--out", "v", "-v", cwd=desk)
     said = " ".join(run.err.split())

@@ -226,7 +226,7 @@ def test_uncertainties_of_another_calibration_are_not_taken_for_the_model_s(benc
     assert "file's sigmas, as if" in " ".join(run.out.split())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_measurements_of_a_fit_are_no_test_of_it(bench: Path) -> None:
     data = "s_good/measurements.csv"
     run = ppmcal("identify", "m.yaml", data, "--holdout", data, "--out", "no", cwd=bench)

@@ -86,7 +86,7 @@ RUNS = {
 """Command -> its words, and seconds within which to stop it."""
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_a_signal_now_and_then(bench: Path, name: str) -> None:
     drawn = random.Random(name)
@@ -95,7 +95,7 @@ def test_a_signal_now_and_then(bench: Path, name: str) -> None:
         assert not stopped(RUNS["identify"][0], bench, name, delay, False), delay
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "group"), [
     ("SIGINT", True), ("SIGTERM", False), ("SIGHUP", True)])
 @pytest.mark.parametrize("command", [c for c in RUNS if c != "verify"])
@@ -109,7 +109,7 @@ def test_a_signal_at_any_moment(bench: Path, command: str, name: str, group: boo
     assert not [f for f in found if f[1]]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
 def test_a_batch_in_two_processes(tmp_path: Path, name: str) -> None:
     pytest.importorskip("pyarrow")
@@ -121,7 +121,7 @@ def test_a_batch_in_two_processes(tmp_path: Path, name: str) -> None:
         assert not stopped(words, manifest.parent, name, delay, True), delay
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_processes_end_with_the_first_one(bench: Path) -> None:
     """Killed without a word, it leaves none behind that waits for work for ever."""
     run = subprocess.Popen(

@@ -30,7 +30,7 @@ def bench(tmp_path_factory):
     return folder
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(not FULL.exists(), reason="there is no /dev/full")
 @pytest.mark.parametrize("more", [(), ("--json",), ("--sigma", "estimated")])
 def test_results_are_written_although_standard_output_is_full(bench, tmp_path, more):
@@ -55,14 +55,14 @@ def test_help_into_a_full_disk(args):
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="there is no /dev/full")
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_exit_code_stands_although_nobody_can_read_why(tmp_path):
     with FULL.open("w") as full:
         run = process(*EXECUTABLE, "check", tmp_path / "none.yaml", stderr=full)
     assert run.returncode == 2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_results_are_written_although_nobody_listens(bench, tmp_path):
     reader, writer = os.pipe()
     os.close(reader)
@@ -127,6 +127,10 @@ def words_of(name, tmp_path):
     return [*COMMANDS[name].split(), "--out", tmp_path / "o"], tmp_path / "o"
 
 
+@pytest.mark.long_cases(
+    "both-check", "stderr-check", "stderr-identify", "stderr-simulate", "stdout-check",
+    "stdout-diagnose", "stdout-identify", "stdout-plan", "stdout-report", "stdout-sensitivity",
+    "stdout-simulate", "stdout-tolerances", "stdout-verify", "stdout-workspace")
 @pytest.mark.skipif(not FULL.exists(), reason="there is no /dev/full")
 @pytest.mark.slow
 @pytest.mark.parametrize(("which", "name"), [
@@ -150,6 +154,7 @@ def test_full_streams_of_each_command(bench, tmp_path, name, which):
     assert not list(tmp_path.rglob(".ppmcal.*.part"))
 
 
+@pytest.mark.long_cases("diagnose", "identify", "simulate")
 @pytest.mark.parametrize("name", ["check", "simulate", "identify", "diagnose"])
 @pytest.mark.slow
 def test_nobody_reads_to_the_end(bench, tmp_path, name):

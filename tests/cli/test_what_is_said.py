@@ -66,7 +66,7 @@ def test_a_kind_that_leaves_the_drives_open_is_answered_with_those_there_are(
     assert words in ppmcal("init", asked, cwd=tmp_path, expect=2).err
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_fewer_numbers_than_unknowns_are_a_finding(bench: Path) -> None:
     run = ppmcal("identify", "m.yaml", "two.csv", "--out", "few", cwd=bench, expect=1)
     assert "! 2 poses give 6 numbers for 17 unknowns" in run.out

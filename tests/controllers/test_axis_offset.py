@@ -13,6 +13,7 @@ from ppmcal.controllers.linuxcnc import controller as linuxcnc
 from ppmcal.io import read_mechanism
 
 
+@pytest.mark.long_cases("delta-linear-1-export")
 @pytest.mark.slow
 @pytest.mark.parametrize(("config", "limb", "export"), [
     ("6-UPS", 2, linuxcnc.export), ("delta-linear", 1, klipper.export)])

@@ -79,7 +79,7 @@ def test_json_lines_are_sets_of_samples(tmp_path):
     assert tree["tolerances"]["point"] == 50
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_arrays_and_the_machines_own_config_give_its_anchors(tmp_path):
     """Import, fit, export: what the firmware makes of M669 then suits the lines."""
     points = places(24)

@@ -137,7 +137,7 @@ def test_signs_are_those_of_the_documents_example() -> None:
                                [-0.005, 0.003, 0.002, 0.0025, -0.005, 0.002], atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @settings(max_examples=40, deadline=None)
 @given(st.floats(0.5, 12.0), st.floats(-3.0, 3.0), st.floats(1e-6, 1e-2))
 def test_points_are_as_few_as_the_error_allows(waves: float, slope: float, target: float) -> None:
@@ -177,7 +177,7 @@ def told(n: float, offset: float, way: float) -> float:
     return float(brentq(off, n - 2.0, n + 2.0, xtol=1e-13))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_tables_against_bisection_and_interpolation_by_hand(tmp_path: Path) -> None:
     path = machine(tmp_path, effects=DRIVES, change=offsets())
     run = ppmcal("export", "joints", path, "--json", "--out", tmp_path / "o", expect=0)
@@ -285,7 +285,7 @@ def test_turning_joints_are_in_degrees_and_metres_become_mm(tmp_path: Path) -> N
     assert run.json["tables"]["leg1"]["unit"] == "mm"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_short_waves_need_more_points_than_there_are(tmp_path: Path) -> None:
     effect = [{"kind": "periodic", "on": ["leg3"], "parameters": {"sin": 0.02, "period": 3.0}}]
     path = machine(tmp_path, effects=effect)
@@ -305,7 +305,7 @@ def moved(by: float) -> dict[str, dict[str, Any]]:
     return {"leg2": {"base": {"point": {"x": {"value": 1000.0 + by, "nominal": 1000.0}, "y": 0}}}}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_geometry_is_listed_with_its_cost(tmp_path: Path) -> None:
     costs = []
     for by in (0.3, 0.6):
@@ -344,7 +344,7 @@ def test_loads_temperature_and_speed_are_listed_without_a_cost(tmp_path: Path) -
     assert found["gain"]["after"]["rms"] < 0.01 * found["gain"]["before"]["rms"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_rods_of_one_drive_share_its_table(tmp_path: Path) -> None:
     names = [limb["name"] for limb in
              yaml.safe_load((CONFIGS / "delta-linear-6rods.yaml").read_text())["limbs"]]

@@ -263,7 +263,7 @@ def changed(tmp_path: Path, change: dict[str, dict]) -> Path:
     return path
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_leaning_tower_is_listed_with_its_cost(tmp_path: Path) -> None:
     costs = []
     for lean in (0.002, 0.004):
@@ -413,7 +413,7 @@ def test_an_unknown_format_names_the_nearest(tmp_path: Path, command: str) -> No
     assert not tree(tmp_path)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_sample_printer_goes_through_the_readmes_three_commands(tmp_path: Path) -> None:
     """As they stand there. The intervals hold what the sample was simulated with."""
     top = ROOT

@@ -105,7 +105,7 @@ def test_a_printer_goes_out_as_it_came_in(tmp_path):
             read_rotary(read_config(tmp_path / "printer.cfg")).array()))).rounded()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_touches_and_distances_find_the_printer(printer):
     """Identified from its own file, its new numbers bring it where it is told to within 0.02 mm."""
     for words in (("import", "klipper", "printer.cfg"),

@@ -51,7 +51,7 @@ def runs(path):
 HIGH = {"bl": 34.0, "br": 78.0, "tr": 56.0, "tl": 100.0}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_heights_of_anchors_are_taken_from_the_keys_and_written_back(tmp_path):
     """Belts from four heights: their fit is the frame, and the firmware's own sums make it so."""
     def belts(p):
@@ -337,7 +337,7 @@ def test_machines_that_are_no_maslow_are_refused(tmp_path):
         export("maslow", written(tmp_path, tree))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_self_calibrated_machine_is_known_in_its_own_frame(tmp_path):
     """Import, identification, export: what defines the frame adds nothing to its uncertainty."""
     path = written(tmp_path, belts())

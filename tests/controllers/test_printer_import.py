@@ -180,7 +180,7 @@ def test_rods_that_are_none_are_refused(tmp_path: Path, rods: str, words: str) -
 # ---------------------------------------------------------------- noise, calipers
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_rod_on_a_drawing_does_not_outweigh_a_caliper(tmp_path: Path) -> None:
     """The file says 300 mm, they are 304: told both ways, found, and never sure."""
     real = DeltaGeometry(140.5, REAL.angles, (304.0,) * 3, REAL.endstops)
@@ -205,7 +205,7 @@ def test_a_rod_on_a_drawing_does_not_outweigh_a_caliper(tmp_path: Path) -> None:
     assert stated.imported.scale == "printed" and stated.imported.printer.nominal.rods == 0.3
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_rods_and_a_printed_part_are_known_as_far_as_the_part_is(tmp_path: Path) -> None:
     """Neither is certain, neither left open: rods that are 2 mm longer than the file has them."""
     real = DeltaGeometry(140.5, REAL.angles, (302.0,) * 3, REAL.endstops)
@@ -574,7 +574,7 @@ def test_reprap_takes_a_radius_too(tmp_path: Path) -> None:
 # ---------------------------------------------------------------- freedoms
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_freedoms_are_left_to_what_predicts_best_unless_chosen(tmp_path: Path) -> None:
     path = written(tmp_path, config(REAL, pairs=1.0, noise=0.01))
     for rods, optional in (((), True), ((300,), True), (("shared",), False)):

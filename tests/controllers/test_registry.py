@@ -69,7 +69,7 @@ def test_help_has_a_controller_of_another_package_without_running_it(site):
         assert "FORMAT bench: Offsets of the workshop's controller." in shown
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_printer_of_another_package_is_imported(site, tmp_path):
     (tmp_path / "p.txt").write_text("140 300 290")
     ppmcal_process("import", "BENCH", "p.txt", cwd=tmp_path, site=site, expect=0)
@@ -79,7 +79,7 @@ def test_a_printer_of_another_package_is_imported(site, tmp_path):
     assert "unknown format 'bench'" in " ".join(refused.err.split())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_controller_of_another_package_says_what_to_do_with_a_machine(site, tmp_path):
     """As ppmcal's own do: in its declaration, for the machines that it drives."""
     code = ("import sys\nfrom ppmcal.controllers import uses\n"

@@ -309,7 +309,7 @@ def test_files_that_the_old_one_runs_are_named(tmp_path: Path) -> None:
     assert "The endstops go +31.0 mm from where config.g" in " ".join(run.out.split())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_leaning_tower_is_listed_with_its_cost(tmp_path: Path) -> None:
     costs = []
     for lean in (0.002, 0.004):
@@ -327,7 +327,7 @@ def test_a_leaning_tower_is_listed_with_its_cost(tmp_path: Path) -> None:
     assert "Cannot be expressed: tower a" in (tmp_path / "exported" / "reprap.g").read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_tilt_of_the_bed_would_add_next_to_nothing(tmp_path: Path) -> None:
     lean = {"base.direction": {"value": [0.004, 0, 1], "nominal": [0, 0, 1]}}
     machine = read_mechanism(changed(tmp_path, dict.fromkeys("abc", lean)))
@@ -423,7 +423,7 @@ def test_any_file_is_refused_in_words(tmp_path: Path, content: bytes) -> None:
     assert "p.g" in run.err and "fault of ppmcal" not in run.err
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_cut_and_scrambled_files_never_end_in_a_traceback(tmp_path: Path,
                                                           monkeypatch: pytest.MonkeyPatch) -> None:
     draw = random.Random(3)

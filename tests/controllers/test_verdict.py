@@ -57,7 +57,7 @@ def test_a_machine_that_nobody_measured_is_not_judged(here: Path) -> None:
     assert run.out.startswith("Paste this: not judged;")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_lines_to_paste_are_never_broken(tmp_path: Path) -> None:
     """Half a line of M669 is another command; and nobody who owns the printer knows of run_1."""
     shutil.copy(SAMPLE.parents[1] / "hangprinter" / "samples.jsonl", tmp_path)

@@ -309,7 +309,7 @@ def test_home_that_is_singular_has_no_workspace(tmp_path):
 
 # --- the command ------------------------------------------------------------------------------
 
-@pytest.mark.long_cases("3-RPS-rx=-60:60:5,ry=-60:60:5")
+@pytest.mark.long_cases("3-RPS-rx=-60:60:5,ry=-60:60:5", "delta-linear-x,y=-100:100:4,z=0:300:4")
 @pytest.mark.slow
 @pytest.mark.parametrize("name,grid", [("3-RPR", "x=250:800:12,y=0:550:12"),
                                        ("3-RPS", "rx=-60:60:5,ry=-60:60:5"),

@@ -61,8 +61,7 @@ def test_a_leaning_tower_is_found_in_touches_of_a_flat(printer):
     assert [e.parameters for e in found.diagnosis.effects] == [("a.base.direction.ry",)]
 
 
-@pytest.mark.long_cases("trefoil_x")
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("shape", ["bowl", "saddle", "trefoil_x"])
 def test_the_shape_of_the_flat_is_no_leaning_tower(printer, shape):
     """Swallowed by rods and radius, or told as unnamed: never a tower."""
@@ -91,7 +90,7 @@ def test_backlash_is_found_on_a_flat_of_any_shape(printer):
     assert "backlash" in {e.kind for e in found.diagnosis.effects}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_touches_of_a_good_printer_miss_nothing(printer):
     assert ppmcal.diagnose(printer, touches(printer)).verdict == "none"
 

@@ -25,7 +25,7 @@ def small_campaign(seed: int, times: float) -> Diagnosis:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_too_small_a_sigma_is_not_nothing() -> None:
     result = small_campaign(2, TIMES)
     assert result.start.ratio > 2.5

@@ -101,7 +101,7 @@ def test_a_bent_tower_is_found_in_heights_and_pairs(tmp_path: Path) -> None:
     assert found.learned is not None and found.learned.gap.after < found.learned.gap.before
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_nothing_is_found_where_nothing_is(tmp_path: Path) -> None:
     assert search(tmp_path, 3, 0.0).verdict == "none"
 

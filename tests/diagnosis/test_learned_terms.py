@@ -73,7 +73,7 @@ def test_a_level_bed_is_not_explained_by_its_own_height() -> None:
     assert all(s.root.shape[1] for t in tried for s in t.shapes)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_waves_of_a_level_bed_are_not_explained_away() -> None:
     mechanism, data = touches(0.1, 11)
     found = diagnose(Problem(mechanism, data, mechanism.free))
@@ -206,7 +206,7 @@ def _seen() -> tuple[Fit, Visible]:
         return fit, visible(fit, fit.keep, Whitening())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_is_learned_is_free_of_what_geometry_does() -> None:
     """A free offset: no constant is learned, so the term moves no zero of a joint."""
     fit, seen = _seen()

@@ -99,7 +99,7 @@ def test_not_tested_without_an_order(tmp_path: Path) -> None:
     assert {e["kind"] for e in found["effects"]} == {"play"}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_commands_that_make_up_for_play(made: Callable[[str], Path]) -> None:
     """In order, targets have a past; without one they are refused, and an export says so."""
     folder = made("play")

@@ -92,7 +92,7 @@ def test_correlation_is_that_of_the_noise(ar: float, kinds: tuple[str, ...]) -> 
     assert found.rho_error < 0.2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_strong_slow_effect_is_not_whitened_away() -> None:
     """Drift in correlated noise is named."""
     found = asked("3-RPR", 41, ("drift",), 3.0, hidden.Options(poses=40, ar=0.6))

@@ -74,7 +74,7 @@ def test_nothing_is_found_where_nothing_is() -> None:
     assert not found.best.chosen and found.nothing((ROW_FAMILY,)) > 0.5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_hidden_effect_is_found() -> None:
     found = posterior(asked("3-RPR", ["curvature"], 2.0))
     assert names(found) == ["curvature"]

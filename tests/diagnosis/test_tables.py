@@ -94,7 +94,7 @@ def test_every_named_effect_has_its_row(name: str) -> None:
         assert (row["kind"], row["on"], row["form"]) not in others
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", list(SUBSETS))
 def test_one_probability_per_effect(name: str) -> None:
     """effects.csv and diagnosis.json agree; what was found of thousands has no p-value."""
@@ -248,7 +248,7 @@ def wavy() -> Case:
     return Case(result, DiagnosisRecord.of(result, {}), [])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_amplitude_and_phase_are_those_of_the_wave() -> None:
     """At mid-stroke the fitted error is amplitude cos(phase), a quarter turn on -sin(phase)."""
     result, record = wavy().result, wavy().record

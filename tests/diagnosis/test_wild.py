@@ -191,8 +191,7 @@ def repeated(folder: Path, seed: int, **changes: Any) -> list[int]:
     return [n for n in range(len(poses)) if n == 0 or poses[n] != poses[n - 1]]
 
 
-@pytest.mark.long_cases("by a part of the move")
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("how", ["by some sigma", "by a part of the move"])
 def test_first_rows_that_fall_short_have_a_pattern(tmp_path: Path, how: str) -> None:
     rng = np.random.default_rng(6)
@@ -452,8 +451,7 @@ def test_a_payload_in_grams_is_not_a_stiffer_machine(tmp_path: Path) -> None:
     assert abs(stiffness["value"] - 5900.0) < 3.0 * stiffness["sigma"]
 
 
-@pytest.mark.long_cases("4")
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [4, 5])
 def test_gains_of_a_tenth_are_no_gains(tmp_path: Path, seed: int) -> None:
     """No machine has them: refused, or told as implausible."""

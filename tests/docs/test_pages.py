@@ -115,8 +115,6 @@ def on_a_desk(step: Step, folder: Path) -> Ran:
     return ran
 
 
-@pytest.mark.long_cases(
-    "again-21", "controllers-302", "figures-7", "kinematics-109", "measuring-131", "plan-3")
 @pytest.mark.parametrize(("page", "whole", "unit"), list(cases()))
 def test_what_a_page_shows_runs(page, whole, unit, request, tmp_path):
     folder = tmp_path / "here"
@@ -171,7 +169,7 @@ def test_no_page_shows_a_place_of_its_makers_machine():
             assert not any(w in block["body"] for w in (tempfile.gettempdir(), str(ROOT), "/home/"))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_cells_of_the_notebook_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}

@@ -74,7 +74,7 @@ def test_no_table_of_rates_of_another_version_stands_beside_them(page):
     assert not [line for line in text.splitlines() if line.startswith("|") and RATE.search(line)]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_runs_afterwards_changes_no_verdict_and_no_name(monkeypatch: pytest.MonkeyPatch
                                                              ) -> None:
     """Its code is not in the digest either: it only tells sizes of what was named."""

@@ -100,7 +100,7 @@ def test_every_public_name_has_a_docstring_and_a_place_on_the_page():
                 assert f"{parameter}`" in told, f"{name}: {parameter} is not described"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_every_limb_kind_has_its_section():
     page = kinds.limb_page()
     for kind in limb_kinds().values():

@@ -34,6 +34,8 @@ def same(shown: str, printed: str) -> bool:
     return words[0] == words[1] and numbers[0] == pytest.approx(numbers[1], rel=0.02, abs=1e-3)
 
 
+@pytest.mark.long_cases(
+    "cable-robot", "delta-printer", "diagnose", "hexapod", "maslow", "next-poses", "three-rps-head")
 @pytest.mark.slow
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda p: p.stem)
 def test_an_example_prints_what_it_shows(path: Path, tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ def run(words, folder):
     return Ran(done.code, done.out + done.err)
 
 
+@pytest.mark.long_cases("Euler angles", "Swapped columns")
 @pytest.mark.slow_cases("Degrees for radians", "Euler angles", "Swapped columns", "Wrong branch",
                         "Wrong sign", "Wrong unit", "Diameters for radii", "Too few poses")
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda m: m.title)

@@ -23,6 +23,7 @@ def well(data):
     return outcome
 
 
+@pytest.mark.long_cases("5edb1b7d2252")
 @pytest.mark.slow
 @pytest.mark.parametrize("path", [
     pytest.param(path, id=path.name) for name, path in crashes() if name == "campaign"])

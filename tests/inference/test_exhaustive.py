@@ -183,6 +183,7 @@ def test_rows_that_do_not_belong_are_as_likely_as_all_sets_say() -> None:
     compared(asked_of(matrix, effect, 5, blocks=blocks, alone=frozenset({"row"})), 0.05)
 
 
+@pytest.mark.long_cases("0.0-12")
 @pytest.mark.slow
 @pytest.mark.parametrize(("rho", "most"), [(0.0, 12), (0.8, 3)])
 def test_twelve_causes_are_as_likely_as_all_sets_say(rho: float, most: int) -> None:

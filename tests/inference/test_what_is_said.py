@@ -95,7 +95,7 @@ def test_odds_against_nothing_keep_their_bound_where_nothing_is() -> None:
     assert rate <= most
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_odds_keep_their_bound_with_rows_that_do_not_belong_and_correlated_noise() -> None:
     rate, most = exceeded(against_nothing, 200, seed=2, correlated=True, rows=True, signed=True)
     assert rate <= most
@@ -168,7 +168,7 @@ def test_a_prior_that_is_none_breaks_the_bound(misuse: Callable[[Question], floa
 BINS = np.array([0.0, 0.02, 0.1, 0.3, 0.7, 0.9, 0.98, 1.0 + 1e-9])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("campaigns", "what"), [
     (500, {}), (300, {"signed": True, "correlated": True, "rows": True})])
 def test_what_is_said_with_a_probability_is_so_often_right(

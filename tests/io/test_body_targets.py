@@ -26,7 +26,7 @@ def nudged(row: str, by: float) -> str:
     return ",".join([*others, repr(float(last) + by)])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_long_wide_and_several_files_are_one_campaign_with_one_frame(tmp_path: Path) -> None:
     seen = measured(3, rows=20)
     forms = [[wide(tmp_path, seen)], [long(tmp_path, seen)], several(tmp_path, seen)]

@@ -374,8 +374,7 @@ def test_a_copy_is_not_carried_on(bench, calibrated, tmp_path, change, units):
     assert "is in that calibration already" in " ".join(run.err.split())
 
 
-@pytest.mark.long_cases("as_inches-in", "dict-mm")
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("change", "units"), COPIES)
 def test_a_copy_is_no_test_of_a_calibration(bench, calibrated, tmp_path, change, units):
     plain, new = measured(bench), other_rows(bench, tmp_path, 11, 12)

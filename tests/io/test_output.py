@@ -262,6 +262,7 @@ def test_output_names_are_plain():
         out.add("a", "")
 
 
+@pytest.mark.long
 @settings(max_examples=50, deadline=None)
 @given(st.lists(st.tuples(st.floats(allow_nan=False, allow_infinity=False), st.integers(-9, 9),
                           st.text(st.characters(codec="utf-8", exclude_characters="\r\0"))),

@@ -87,6 +87,7 @@ def test_rows_from_home_come_to_the_same_poses(rows, monkeypatch):
     np.testing.assert_allclose(fast.pose, plain.pose, atol=1e-10)
 
 
+@pytest.mark.long_cases("cables")
 @pytest.mark.slow_cases("cage", "pulleys")
 def test_rows_in_another_minimum_are_found_alike(rows, monkeypatch):
     model, q, there = rows

@@ -99,7 +99,7 @@ def test_forward_and_inverse_scatter_as_they_say(name):
         alike(onward.sure.columns["sigma_rotation"], seen[:, 3:] / angle)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_machine_that_decides_some_coordinates_itself_scatters_as_it_says():
     """A tripod: three coordinates named, three left open."""
     machine = loaded("3-RPS")

@@ -77,7 +77,8 @@ def test_the_offset_matters_as_much_as_it_should(kind: str, body: str) -> None:
 @pytest.mark.long_cases(
     "nominal-(P)US-base", "nominal-(R)US-base", "nominal-(R)US-platform", "nominal-U(P)S-base",
     "perturbed-(P)US-base", "perturbed-(P)US-platform", "perturbed-(R)US-base",
-    "perturbed-(R)US-platform", "perturbed-U(P)S-platform")
+    "perturbed-(R)US-platform", "perturbed-U(P)S-platform", "nominal-(P)US-platform",
+    "perturbed-U(P)S-base")
 @pytest.mark.slow
 @each
 @pytest.mark.parametrize("shifted", [False, True], ids=["nominal", "perturbed"])
@@ -111,9 +112,7 @@ def test_slot_derivatives_are_those_of_the_explicit_joint(kind: str, body: str, 
         assert own[3] > 0.2
 
 
-@pytest.mark.long_cases(
-    "(P)US-platform", "(R)US-base", "(R)US-platform", "U(P)S-base", "U(P)S-platform")
-@pytest.mark.slow
+@pytest.mark.long
 @each
 def test_pose_and_joint_derivatives_are_those_of_the_explicit_joint(kind: str, body: str) -> None:
     model, q, pose = sample(kind, body, True)

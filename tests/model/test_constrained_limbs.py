@@ -76,7 +76,7 @@ def test_a_serial_chain_through_the_passive_joints_closes(kind: str, shifted: bo
         assert np.all(singular[:, -1] > 1e-2)
 
 
-@pytest.mark.long_cases("perturbed-UPR", "perturbed-UPU")
+@pytest.mark.long_cases("perturbed-UPR", "perturbed-UPU", "nominal-UPR", "nominal-UPU")
 @each
 @at_both
 @pytest.mark.slow

@@ -212,6 +212,7 @@ def test_a_motion_of_another_package(tmp_path: Path) -> None:
     assert found == pytest.approx([140.0, 155.0, 170.0], abs=1e-9)
 
 
+@pytest.mark.long
 def test_no_other_module_names_a_motion() -> None:
     """No text of the package outside of the declarations is the name of one."""
     root = Path(package.__file__).parent

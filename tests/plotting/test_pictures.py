@@ -101,7 +101,7 @@ def test_bars_beyond_the_scale_end_at_it():
     assert wide[0] == wide[1] > 300.0 and wide[2:] == pytest.approx([0.8] * 3, abs=0.05)
 
 
-@pytest.mark.long_cases("False-label4")
+@pytest.mark.long_cases("False-label4", "True-label4")
 @pytest.mark.parametrize("label", HOSTILE)
 @pytest.mark.parametrize("beside", [False, True])
 @pytest.mark.slow_cases("True-label3", "True-label4", "False-label3", "False-label4")

@@ -150,7 +150,7 @@ def test_what_is_there_only_where_it_was_found_is_not_judged():
     assert [name for name, *_ in shared_parameters(other)] == ["leg1.offset"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_means_over_units_are_named_as_rarely_as_promised():
     """Units around nominal, 20 parameters of 6 machines: one wrong name in a hundred batches."""
     rng = np.random.default_rng(3)

@@ -290,6 +290,7 @@ def test_drawings_are_whole_and_need_nothing_else(cases: Callable[[str], Case], 
         assert files[name] == text
 
 
+@pytest.mark.long_cases("named-set", "unnamed")
 @pytest.mark.slow
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_words_have_room(cases: Callable[[str], Case], verdict: str) -> None:

@@ -77,6 +77,7 @@ def fit(run, place, data, rounds=6):
     return left
 
 
+@pytest.mark.long_cases("crank-hexapod")
 @pytest.mark.parametrize("name", [
     pytest.param(m, marks=pytest.mark.slow) if "hexapod" in m else m for m in MACHINES])
 @pytest.mark.slow_cases("3-RRR", "delta-linear", "delta-rotary")

@@ -49,6 +49,7 @@ def names_are_right(name: str, folder: Path) -> DiagnosisRecord:
     return found
 
 
+@pytest.mark.long
 def test_the_point_about_which_a_stand_turns_is_told(tmp_path: Path) -> None:
     """The ball joint's place, base axes; it is no figure of a stroke."""
     (effect,) = names_are_right("hexapod-stand", tmp_path).effects
@@ -59,6 +60,7 @@ def test_the_point_about_which_a_stand_turns_is_told(tmp_path: Path) -> None:
         assert told.sigma < 40.0
 
 
+@pytest.mark.long
 def test_encoders_before_the_play_are_told(tmp_path: Path) -> None:
     """Rubbing joints stay behind what their motors' encoders read; directions are the moves'."""
     (effect,) = names_are_right("3-RRR-rubbing-both", tmp_path).effects
