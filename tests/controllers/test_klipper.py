@@ -362,6 +362,24 @@ def test_a_broken_printer_cfg_is_refused(tmp_path: Path, old: str, new: str, wor
     assert not (tmp_path / "o").exists()
 
 
+@pytest.mark.parametrize(("asked", "has"), [
+    ("x_offset", "y_offset"), ("upper_arm_length", "lower_arm_length"), ("min_x", "min_y")])
+def test_an_option_that_is_like_another_one_is_not_misspelt(asked: str, has: str) -> None:
+    found = parse_config(f"[here]\n{has}: 3\n", "printer.cfg")
+    assert found.number("here", asked, 7.0) == 7.0
+
+
+@pytest.mark.parametrize(("asked", "has"), [
+    ("arm_length", "arm_lenth"), ("upper_arm_length", "uper_arm_length"),
+    ("position_endstop", "position_enstop"), ("rotation_distance", "rotation_distanse")])
+def test_a_misspelt_option_is_refused_also_where_another_tower_has_it(asked: str, has: str) -> None:
+    found = parse_config(f"[here]\n{has}: 3\n", "printer.cfg")
+    with pytest.raises(BadInput) as refusal:
+        found.number("here", asked, 7.0)
+    assert f"line 2: [here] {has}" in str(refusal.value)
+    assert f"Did you mean {asked}?" in str(refusal.value)
+
+
 @pytest.mark.parametrize("content", [b"", b"\x00\x01\xff", b"\xff\xfe[printer]", b"[", b"[]\n=\n",
                                      b"#*#", b"  x\n[printer]\n  y", b"[printer]\n:\n"])
 def test_any_file_is_refused_in_words(tmp_path: Path, content: bytes) -> None:

@@ -20,11 +20,15 @@ from ppmcal.controllers.delta.geometry import ANGLES, DIGITS, TOWERS, DeltaGeome
 from ppmcal.controllers.klipper.lines import HEADER, TEXT_WANTED, ConfigLine, lines_of, unread
 from ppmcal.controllers.text import DECIMAL, commented, read_text
 from ppmcal.errors import BadInput
+from ppmcal.io.column_names import MISSPELT
 
 LARGEST = 1e9
 """mm, degrees, microsteps: no number of a printer is as large."""
-MISSPELT = 0.85
-"""Keys as alike as that (:mod:`difflib`) are one that was mistyped."""
+OPTIONS = frozenset((
+    "delta_radius", "arm_length", "position_endstop", "rotation_distance", "step_distance",
+    "full_steps_per_rotation", "microsteps", "upper_arm_length", "lower_arm_length",
+    "shoulder_radius", "shoulder_height"))
+"""Of geometry and drives: where one is missing, a key that is nearly it is one misspelt."""
 GEOMETRY_KEYS = ("printer.delta_radius", *(f"stepper_{tower}.{key}" for tower in TOWERS
                  for key in ("angle", "arm_length", "position_endstop")))
 """``section.key`` of every number of a delta's geometry."""
@@ -109,7 +113,8 @@ class Config:
 
     def _refuse_misspelt(self, section: str, key: str) -> None:
         """Refuse a section without a key that has nearly that one: its number would not count."""
-        near = difflib.get_close_matches(key, self.section(section), 1, MISSPELT)
+        others = [k for k in self.section(section) if k not in OPTIONS]
+        near = difflib.get_close_matches(key, others, 1, MISSPELT) if key in OPTIONS else []
         if near:
             raise BadInput(f"there is no such option. Did you mean {key}?",
                            self.at(section, near[0]), "Correct its name")
