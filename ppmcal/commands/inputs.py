@@ -190,7 +190,9 @@ def prepared(mechanism: Machine, data: Measurements, free: Sequence[str] | str =
             refuse_unrecorded(machine, environment_of(machine, d),
                               f"the effects of {machine.source}", d.source,
                               lambda _: ", or take the effect out")
-        machine = replace(machine, findings=(*machine.findings, *_of_no_target(machine, datasets)))
+        # a machine that came here before says so already
+        machine = replace(machine, findings=tuple(dict.fromkeys(
+            (*machine.findings, *_of_no_target(machine, datasets)))))
     return machine, datasets
 
 

@@ -205,10 +205,11 @@ def _read_of(table: Table, read: ReadFile, mine: Mapping[str, str], every: Mappi
         said: dict[str, Any] = {}
         for pattern, value in getattr(read, field).items():
             hit = hits(pattern)
-            others = hit - {*every}
+            others = hit - every.keys()
             if others or not hit:
                 # columns of targets are named one by one, for a pattern may be of several
-                said |= {names[h]: value for h in others} if hit & {*every} else {pattern: value}
+                said |= ({names[h]: value for h in others} if hit & every.keys()
+                         else {pattern: value})
             said |= {mine[h]: value for h in hit if h in mine}
         out[field] = said
     return out

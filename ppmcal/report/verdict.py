@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from ppmcal.calibration.fit import LARGER
-from ppmcal.calibration.knowledge import FAR
+from ppmcal.calibration.knowledge import FAR, FAR_BECAUSE
 from ppmcal.io.results.commands import CommandsRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import (
@@ -128,6 +128,7 @@ def other_machine(c: ComparedMachines) -> str:
 
 
 State = Literal["ok", "warn", "bad"]
+AFTER_A_CHECK = "After a check"
 MOST = 4
 """So many machines have lines of their own."""
 SETTLED = ("none", "named", "")
@@ -196,7 +197,7 @@ def _inputs(record: IdentificationRecord | DiagnosisRecord) -> set[str]:
 
 def _lines(one: Identified, d: DiagnosisRecord | None, data: ReportData) -> tuple[Line, ...]:
     good = _calibrated(one, d, _accuracy(one, d, data))
-    return good, _certainty(one, d), _next(one, d, good.state, data.use)
+    return good, _certainty(one, d), _next(one, d, good, data.use)
 
 
 def _calibrated(one: Identified, d: DiagnosisRecord | None, text: str) -> Line:
@@ -218,7 +219,7 @@ def _calibrated(one: Identified, d: DiagnosisRecord | None, text: str) -> Line:
     if noisy or (d is not None and d.verdict not in SETTLED):
         return Line("Calibrated?", "Not fully", f"{text}; unmodelled residuals remain.", "warn")
     if r.far:
-        return Line("Calibrated?", "After a check", f"{text}; {FAR}: "
+        return Line("Calibrated?", AFTER_A_CHECK, f"{text}; {FAR}: "
                     f"{abbreviate_list([p.name for p in r.far])}.", "warn")
     return Line("Calibrated?", "Yes", f"{text}.", "ok")
 
@@ -264,23 +265,26 @@ def _size(one: Identified) -> str:
     return ""
 
 
-def _next(one: Identified, d: DiagnosisRecord | None, state: State, use: Callable[[str], str]
+def _next(one: Identified, d: DiagnosisRecord | None, good: Line, use: Callable[[str], str]
           ) -> Line:
-    """Return what to do now; ``use``: with a folder's model, where it is good."""
+    """Return what to do now.
+
+    ``good``: whether it is calibrated; ``use``: what to do with a folder's model, if so.
+    """
     if d is not None and d.next_file:
         return Line("Next?", "Measure", next_step(d), "warn")
     if one.record.campaign is not None:
         poses = count(one.record.campaign.poses, "more pose")
         return Line("Next?", "Measure", f"{poses}, listed in next.csv, would tell the rest.",
                     "warn")
-    if state == "ok":
+    if good.state == "ok":
         told = use(one.folder) or f"ppmcal compensate {one.folder} TARGETS.csv corrects commands"
         return Line("Next?", "Use it", f"{told}; ppmcal validate tells on another day whether it "
                     "still holds.", "ok")
-    if one.record.far and one.record.noise.state != LARGER:
-        return Line("Next?", "Check", "The nominal values, the tolerances, the units or the data "
-                    "are wrong there; which, only the machine can tell. Commands and controller "
-                    "numbers of this model are for after that check.", "warn")
+    if good.word == AFTER_A_CHECK:
+        return Line("Next?", "Check", f"{FAR_BECAUSE.capitalize()}; which, only the machine can "
+                    "tell. Commands and controller numbers of this model are for after that check.",
+                    "warn")
     if d is None:
         return Line("Next?", "Diagnose", "ppmcal diagnose MODEL DATA finds which effect is "
                     "missing.", "warn")

@@ -54,7 +54,6 @@ def exchanged(data, *pairs):
 @pytest.mark.long_cases("cables-0.0", "cables-0.0002")
 @pytest.mark.parametrize("scatter", [0.0, 2e-4])
 @pytest.mark.parametrize("tree", [belts, cables], ids=["belts", "cables"])
-@pytest.mark.slow_cases("cables-0.0", "cables-0.0002")
 def test_a_rope_that_stands_still(tree, scatter, tmp_path):
     path, data = measured(tmp_path, tree())
     q = data.q.copy()

@@ -118,7 +118,7 @@ EFFECTS = [{"kind": "backlash", "parameters": {"width": {"value": 0.05, "free": 
 
 @pytest.mark.long_cases("seven drives", "seven legs")
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.slow_cases("tilt", "universal", "noisy drives", "seven legs", "seven drives")
+@pytest.mark.slow_cases("tilt", "universal", "noisy drives")
 def test_rows_move_as_differences_say(case):
     name, instrument, more = CASES[case]
     tree = file_of(name)

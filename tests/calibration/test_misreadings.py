@@ -156,7 +156,7 @@ def test_the_mend_of_the_message_can_be_copied(tmp_path: Path) -> None:
 
 
 @pytest.mark.long_cases("in")
-@pytest.mark.slow_cases("in", "m")
+@pytest.mark.slow_cases("m")
 @pytest.mark.parametrize("unit", ["in", "m"])
 def test_sigma_goes_with_the_unit_of_the_whole_file(tmp_path: Path, unit: str) -> None:
     """Values and their sigma in mm under a sidecar that says otherwise: both lines mend it."""

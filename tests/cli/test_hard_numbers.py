@@ -123,9 +123,7 @@ ROWS = {
     "three poses-identify", "every row five times-identify", "one in five wrong-check",
     "no joint value fits-check", "no joint value fits-identify",
     "poses apart by round-off-identify", "poses hardly apart-identify",
-    "two rows typed wrong-check", "two rows far beyond any machine-identify",
-    "two rows typed wrong-identify", "one in five wrong-identify",
-    "two rows far beyond any machine-check")
+    "two rows typed wrong-check")
 @pytest.mark.parametrize("command", ["check", "identify"])
 @pytest.mark.parametrize("name", ROWS)
 def test_rows_that_tell_little_or_nothing(bench, tmp_path, name, command):
@@ -158,8 +156,6 @@ NOISE = {
 
 @pytest.mark.long_cases(
     "a ten-millionth of the scatter-diagnose", "a ten-millionth of the scatter-identify")
-@pytest.mark.slow_cases("a ten-millionth of the scatter-diagnose",
-                        "a ten-millionth of the scatter-identify")
 @pytest.mark.parametrize("command", ["check", "identify", "diagnose"])
 @pytest.mark.parametrize("name", NOISE)
 def test_noise_that_cannot_be_meant_is_refused_at_once(bench, tmp_path, name, command):
@@ -189,8 +185,7 @@ TOLERANCES = {0.0: None, 1e-300: "is implausible", 1e-15: "is implausible", 1e-9
 @pytest.mark.long_cases(
     "0.0-identify", "1000000.0-sensitivity", "1e-09-check", "1e-09-identify", "1e-09-sensitivity")
 @pytest.mark.slow_cases(
-    "1000000.0-identify", "inf-identify", "1000000.0-tolerances", "0.0-identify", "1e-09-identify",
-    "1e-09-check", "1e-09-sensitivity", "1000000.0-sensitivity", "inf-sensitivity",
+    "1000000.0-identify", "inf-identify", "1000000.0-tolerances", "inf-sensitivity",
     "1e-09-tolerances", "inf-tolerances")
 @pytest.mark.parametrize("command", ["check", "identify", "sensitivity", "tolerances"])
 @pytest.mark.parametrize("value", TOLERANCES)

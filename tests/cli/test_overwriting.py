@@ -119,7 +119,7 @@ def test_a_folder_of_another_command_is_refused(name: str, here: Path) -> None:
 
 
 @pytest.mark.long_cases("certify", "demo", "figures", "plan", "compare")
-@pytest.mark.slow_cases("sensitivity", "import", "identify", "figures", "certify", "report")
+@pytest.mark.slow_cases("sensitivity", "import", "identify", "report")
 @pytest.mark.parametrize("name", slowly(FOLDERS))
 def test_a_command_replaces_its_own_results_and_takes_stale_ones_away(
         name: str, done: Callable[[str], tuple[int, Path]], tmp_path: Path,
@@ -151,7 +151,7 @@ def test_a_command_replaces_its_own_results_and_takes_stale_ones_away(
 
 @pytest.mark.long_cases("certify", "plan")
 @pytest.mark.parametrize("name", slowly(FOLDERS))
-@pytest.mark.slow_cases("import", "identify", "certify")
+@pytest.mark.slow_cases("import", "identify")
 def test_no_force_replaces_an_input(name: str, done: Callable[[str], tuple[int, Path]], here: Path
                                     ) -> None:
     """Every input stands in the folder of the results too, under each name that is written."""

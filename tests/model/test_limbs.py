@@ -160,7 +160,6 @@ def test_slot_derivatives_are_those_of_the_matrix_chain(kind: str, shifted: bool
 @pytest.mark.long_cases("perturbed-(R)US")
 @each
 @at_both
-@pytest.mark.slow_cases("perturbed-(R)US")
 def test_joint_and_pose_derivatives_are_those_of_the_matrix_chain(kind: str, shifted: bool
                                                                   ) -> None:
     model, q, pose = sample(kind, shifted)

@@ -71,7 +71,7 @@ class Interpretation:
     noise_after: float = np.nan
     sigma: Mapping[str, float] = field(default_factory=dict)
     alternatives: tuple[tuple[FileFault, ...], ...] = ()
-    right: Dataset | None = None
+    right: Dataset | None = field(default=None, compare=False, repr=False)
 
     @property
     def otherwise(self) -> str:

@@ -79,7 +79,7 @@ def _read_otherwise(alone: Problem, held: bool = False) -> Interpretation | None
     # what is read wrongly is wrong in all rows, also in those that have a pose
     if as_read.total <= TELLING or (np.isinf(as_read.total) and as_read.nominal <= LANDS):
         return None
-    good = _better(alone, as_read, "frame" if held else "")
+    good = _better(alone, as_read, held)
     if not good:
         return None
     way, best, alternatives = _chosen(good)
@@ -97,10 +97,10 @@ def _read_otherwise(alone: Problem, held: bool = False) -> Interpretation | None
                           alternatives, way.problem.datasets[0])
 
 
-def _better(alone: Problem, as_read: Score, sure: str) -> list[tuple[Way, Score]]:
+def _better(alone: Problem, as_read: Score, held: bool) -> list[tuple[Way, Score]]:
     """Return the ways that explain what is wrong; behind one that comes to the noise none is asked.
 
-    Those would change more. ``sure``: a kind of mistake that it cannot be.
+    Those would change more. ``held``: the frame cannot be wrong.
     """
     out: list[tuple[Way, Score]] = []
     enough = np.inf
@@ -108,7 +108,7 @@ def _better(alone: Problem, as_read: Score, sure: str) -> list[tuple[Way, Score]
     for way in ways(alone, as_read):
         if way.parts > enough:
             break
-        if sure and any(m.kind == sure for m in way.what):
+        if held and any(m.kind == "frame" for m in way.what):
             continue
         found = score(way.problem, lands)
         fitted = np.isfinite(found.noise + found.total)

@@ -28,7 +28,7 @@ def left_out_whole(fit: Fit) -> frozenset[int]:
     """Return the data sets of which a fit left out most rows that can be used."""
     return frozenset(i for i, (d, keep) in enumerate(zip(fit.problem.datasets, fit.keep,
                                                          strict=True))
-                     if d.usable.any() and keep[d.usable].mean() < 1.0 - MOST)
+                     if d.usable.any() and (~keep[d.usable]).mean() > MOST)
 
 
 def targets_read(problem: Problem, found: Mapping[int, Interpretation],

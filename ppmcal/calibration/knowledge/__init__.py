@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from ppmcal.calibration.knowledge.intervals import coverage as coverage
     from ppmcal.calibration.knowledge.intervals import in_words as in_words
     from ppmcal.calibration.knowledge.parameter_estimates import FAR as FAR
+    from ppmcal.calibration.knowledge.parameter_estimates import FAR_BECAUSE as FAR_BECAUSE
     from ppmcal.calibration.knowledge.parameter_estimates import IMPLAUSIBLE as IMPLAUSIBLE
     from ppmcal.calibration.knowledge.parameter_estimates import Estimate as Estimate
     from ppmcal.calibration.knowledge.parameter_estimates import estimates as estimates

@@ -70,6 +70,8 @@ IMPLAUSIBLE = 8.0
 """No machine is so many tolerances from its nominal values."""
 FAR = "farther from nominal than tolerances allow"
 """What is said of such parameters."""
+FAR_BECAUSE = "the nominal values, the tolerances, the units or the data are wrong there"
+"""What it means."""
 SHOWN = 3
 """So many are reported, the farthest first."""
 
@@ -253,8 +255,7 @@ def far_from_nominal(found: Sequence[Estimate], units: Units) -> list[Note]:
         return []
     words = ", ".join(_times(e, units) for e in far[:SHOWN])
     more = f" and {len(far) - SHOWN} more (parameters.csv)" * (len(far) > SHOWN)
-    return [Note(f"{FAR}: {words}{more}; the nominal values, the tolerances, the units or the data "
-                 "are wrong there", topic="tolerances")]
+    return [Note(f"{FAR}: {words}{more}; {FAR_BECAUSE}", topic="tolerances")]
 
 
 def _times(e: Estimate, units: Units) -> str:

@@ -39,7 +39,7 @@ def after_events(machine: Mechanism, frame: str) -> Iterator[Note]:
                    NOTE)
 
 
-def base_axes(machine: Mechanism, known: ParameterCovariance | None, frame: str) -> Iterator[Note]:
+def loose_axes(machine: Mechanism, known: ParameterCovariance | None, frame: str) -> Iterator[Note]:
     """Yield that base axes are uncertain themselves, where nothing but tolerances holds them."""
     fitted = [n for n, r in machine.registrations.items() if r.frame_pose.any()]
     if known is not None and not frame and known.base_axes is None and fitted:
@@ -48,8 +48,9 @@ def base_axes(machine: Mechanism, known: ParameterCovariance | None, frame: str)
                    "not; `frame: {points: ...}` in a sidecar measures the axes", NOTE)
 
 
-def beyond_measured(found: Compensation, machine: Mechanism, knowledge: ParameterCovariance | None,
-            poses: PoseTable, path: bool) -> Iterator[Note]:
+def beyond_measured(found: Compensation, machine: Mechanism,
+                    knowledge: ParameterCovariance | None, poses: PoseTable, path: bool
+                    ) -> Iterator[Note]:
     """Yield where commands go beyond what was measured, or step beyond what the targets do."""
     good = sent(found)
     ranges = measured_ranges(machine, None if knowledge is None else knowledge.volume)
