@@ -44,7 +44,8 @@ from ppmcal.plotting.style import AFTER, BEFORE, OUT, PAGE, figure, look, png
 from ppmcal.plotting.svg import svg
 from ppmcal.report.html import template_text
 
-HOSTILE = ("<b>&$_^{x}", "$\\frac{$", "a\x00b\ud800\nc", "Ω" * 120, "leg" * 80, "\\$x$", "")
+HOSTILE = {"markup": "<b>&$_^{x}", "formula": "$\\frac{$", "control": "a\x00b\ud800\nc",
+           "greek": "Ω" * 120, "long": "leg" * 80, "dollar": "\\$x$", "empty": ""}
 
 
 def chart(label="leg1", words="3 mm", **more):
@@ -101,10 +102,10 @@ def test_bars_beyond_the_scale_end_at_it():
     assert wide[0] == wide[1] > 300.0 and wide[2:] == pytest.approx([0.8] * 3, abs=0.05)
 
 
-@pytest.mark.long_cases("False-label4", "True-label4")
-@pytest.mark.parametrize("label", HOSTILE)
+@pytest.mark.long_cases("False-long", "True-long")
+@pytest.mark.slow_cases("True-greek", "False-greek")
+@pytest.mark.parametrize("label", HOSTILE.values(), ids=HOSTILE)
 @pytest.mark.parametrize("beside", [False, True])
-@pytest.mark.slow_cases("True-label3", "False-label3")
 def test_no_words_break_a_drawing(label, beside):
     """Markup, formulas and letters that XML forbids are plain words; long ones are cut."""
     shown = " ".join("".join(c if c.isprintable() else " " for c in label).split())
