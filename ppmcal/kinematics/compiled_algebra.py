@@ -18,7 +18,8 @@ INVERTED = 1e-300
 def factorise(A: Array, order: Ints) -> float:
     """Replace A (d, d) by its L and U with partial pivoting; return the sign of its determinant.
 
-    0 where it is singular, nan where it is not a number.
+    0 where it is singular, nan where it is not a number: ``order`` (d,) is not complete then, and
+    nothing can be solved with it.
     """
     d, sign = A.shape[0], 1.0
     for k in range(d):

@@ -201,7 +201,7 @@ def newton_rows(limbs: LimbTables, u: Array, pose: Array, scale: float, reach: f
         chains_at(limbs, u[n], chain)
         sizes_at(limbs, chain, size_of)
         unpack(pose[n], quaternion, R, t)
-        size, sign = math.inf, 1.0
+        size = math.inf
         for k in range(iterations):
             equations_at(limbs, chain, size_of, R, t, c, line)
             # after a small step A is what it was, and the next one as good as with its own
@@ -211,6 +211,10 @@ def newton_rows(limbs: LimbTables, u: Array, pose: Array, scale: float, reach: f
                 signs[n, 1] = sign
                 if k == 0:
                     signs[n, 0] = sign
+                if not abs(sign) > 0.0:    # the order of its rows is not complete then
+                    if k < 2:
+                        sizes[n, k] = math.nan
+                    break
             worst = 0.0
             for e in range(d):
                 worst = max(worst, abs(c[e]))
@@ -221,8 +225,6 @@ def newton_rows(limbs: LimbTables, u: Array, pose: Array, scale: float, reach: f
             size = math.hypot(
                 math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2) / scale,
                 math.sqrt(step[3] ** 2 + step[4] ** 2 + step[5] ** 2))
-            if sign == 0.0:
-                size = math.nan
             if k < 2:
                 sizes[n, k] = size
             if not size < 10.0 * reach / scale:
@@ -308,12 +310,12 @@ def pairings(entries: EntryTables, seen: Array, q: Array, rows: int, value: Arra
 
 @part
 def by_equation(A: Array, order: Ints, by: Array, dof: Ints, G: Array) -> None:
-    """Replace G (d, m) by d(seen)/d(equation) = -by A^-1, nan where A (d, d) is singular."""
-    sign = factorise(A, order)
+    """Replace G (d, m) by d(seen)/d(equation) = -by A^-1, nan where A (d, d) has no inverse."""
+    regular = abs(factorise(A, order)) > 0.0
     for j in range(G.shape[0]):
         for i in range(G.shape[1]):
-            G[j, i] = -by[i, dof[j]] if sign != 0.0 else math.nan
-    if sign != 0.0:
+            G[j, i] = -by[i, dof[j]] if regular else math.nan
+    if regular:
         solve_transposed(A, order, G)
 
 

@@ -19,6 +19,7 @@ from helpers.paths import ROOT
 
 from ppmcal.kinematics import compilation, compiled_limbs
 from ppmcal.kinematics.closure import Closure, Model
+from ppmcal.kinematics.compiled_closure import by_equation
 from ppmcal.kinematics.forward import forward, newton
 from ppmcal.model.effects import Shift
 from ppmcal.model.limbs import kinds
@@ -250,6 +251,15 @@ def test_a_rope_that_ends_inside_its_pulley_has_no_pose() -> None:
     with rows_from(10 * COUNT):
         assert not newton(model.closure(q), start)[1].any()
 
+
+@pytest.mark.parametrize("broken", [0.0, np.nan])
+def test_nothing_is_solved_with_what_has_no_inverse(broken: float) -> None:
+    """The order of the rows is not complete then: what stood there before is no row of them."""
+    A, order = np.eye(3), np.full(3, 10**12)
+    A[1, 1] = broken
+    G = np.empty((3, 2))
+    by_equation(A, order, np.ones((2, 3)), np.arange(3), G)
+    assert np.isnan(G).all()
 
 
 def test_what_is_kept_goes_by_what_is_in_the_files(tmp_path: Path) -> None:
