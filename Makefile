@@ -7,7 +7,7 @@ MINUTES ?= 10
 TESTS ?= not slow
 SEEDS ?= 943 944 945 946
 
-.PHONY: demo test test-all lint bench fuzz torture mutants wheel oldest rates schemas docs docs-output \
+.PHONY: demo test test-all lint bench fuzz torture mutants wheel oldest supply rates schemas docs docs-output \
         screenshots strangers-path clean
 
 $(VENV)/.run: pyproject.toml
@@ -84,6 +84,11 @@ wheel: $(VENV)/.run
 
 oldest: $(VENV)/.run
 	@$(BIN)/python benchmarks/supply.py oldest
+
+# one after the other: both write what setuptools keeps of a checkout
+supply:
+	@$(MAKE) wheel
+	@$(MAKE) oldest
 
 clean:
 	rm -rf $(VENV) $(OUT) build dist *.egg-info

@@ -185,6 +185,7 @@ def bare_sentences(tree: Iterable[ast.AST]) -> Iterator[str]:
                 yield from texts(key.value)
 
 
+@pytest.mark.slow
 def test_findings_and_notes_have_a_level_where_they_are_made() -> None:
     bare = {(path.relative_to(PACKAGE).as_posix(), text) for path in PACKAGE.rglob("*.py")
             for text in bare_sentences(nodes_of(path))}
@@ -208,6 +209,7 @@ def test_what_carries_sentences_of_engines_is_declared_to_hold_notes() -> None:
     assert len(declared) > 20 and not [d for d in declared if "Note" not in d[2]]
 
 
+@pytest.mark.slow
 def test_a_note_of_an_engine_says_what_it_is_about() -> None:
     made = [(path, node) for path, node in of_engines()
             if isinstance(node, ast.Call) and _last(node.func) == "Note"]

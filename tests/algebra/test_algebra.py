@@ -153,6 +153,7 @@ def test_normalise_mends_scale_and_slip(drawn: list[cga.Array], scale: float) ->
     close(cga.normalise(clean), clean, atol=1e-15)
 
 
+@pytest.mark.slow
 @laws
 @given(batch(6))
 def test_other_rotation_forms_round_trip(drawn: list[cga.Array]) -> None:
@@ -182,6 +183,7 @@ def test_from_matrix_near_half_a_turn(gap: float) -> None:
 # --- points, surfaces, lines ------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @laws
 @given(batch(6, 3, 3, 3))
 def test_motors_move_everything_alike(drawn: list[cga.Array]) -> None:
@@ -219,6 +221,7 @@ def test_inner_products_are_distances(drawn: list[cga.Array]) -> None:
     close(cga.coordinates(-2.5 * cga.sphere(c, 0.7)), c, atol=1e-15)
 
 
+@pytest.mark.slow
 @laws
 @given(batch(3, 3, 6), st.booleans())
 def test_leg_line_is_the_derivative(drawn: list[cga.Array], flat: bool) -> None:

@@ -64,6 +64,7 @@ def value(record: dict[str, Any], symbol: str = "", name: str = "") -> float:
 # ---- figures
 
 
+@pytest.mark.slow
 def test_errors_are_those_of_the_other_session(record: dict[str, Any], by_hand: Bench) -> None:
     position = np.hypot(*by_hand.errors[:, :2].T)
     for kind, errors in (("position", position), ("rotation", np.abs(by_hand.errors[:, 2]))):
@@ -73,6 +74,7 @@ def test_errors_are_those_of_the_other_session(record: dict[str, Any], by_hand: 
             assert value(record, name=f"{name} of {kind}") == pytest.approx(wanted, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_pose_accuracy_and_repeatability_are_those_of_iso_9283(record: dict[str, Any],
                                                                by_hand: Bench) -> None:
     found: dict[str, list[float]] = {"AP_p": [], "RP_l": [], "AP_rz": [], "RP_rz": []}
@@ -90,6 +92,7 @@ def test_pose_accuracy_and_repeatability_are_those_of_iso_9283(record: dict[str,
         assert value(record, symbol) == pytest.approx(max(values), rel=1e-4), symbol
 
 
+@pytest.mark.slow
 def test_figures_of_the_axes_are_those_of_iso_230_2(record: dict[str, Any], by_hand: Bench
                                                     ) -> None:
     for deviation, side, leg in zip(by_hand.deviations().T, by_hand.side.T, LEGS, strict=True):
@@ -151,6 +154,7 @@ def test_reversal_alone_is_reversal_repeatability_and_accuracy() -> None:
 # ---- uncertainty and decision
 
 
+@pytest.mark.slow
 def test_budget_is_that_of_the_rows(record: dict[str, Any], by_hand: Bench) -> None:
     b = record["budget"]
     lines = {line["source"]: line for line in b["lines"]}
@@ -175,6 +179,7 @@ def test_budget_is_that_of_the_rows(record: dict[str, Any], by_hand: Bench) -> N
     assert b["expanded"] == pytest.approx(b["factor"] * combined)
 
 
+@pytest.mark.slow
 def test_decision_keeps_a_guard_band_of_the_expanded_uncertainty(record: dict[str, Any]) -> None:
     d = record["decision"]
     assert d["accepted"] == pytest.approx(0.1 - record["budget"]["expanded"])
@@ -204,11 +209,11 @@ def test_degrees_are_those_of_the_gum_s_end_gauge() -> None:
 # ---- what is refused
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["identified/residuals.csv", pytest.param(
     "identified/parameters.csv", marks=pytest.mark.slow), pytest.param(
     "identified/identified.yaml", marks=pytest.mark.slow), pytest.param(
     "identified/identification.json", marks=pytest.mark.slow), "cal.csv", "m.yaml"])
-@pytest.mark.slow_cases("identified/residuals.csv")
 def test_what_was_tampered_with_is_refused_and_named(bench: Path, tmp_path: Path, name: str
                                                      ) -> None:
     folder = Path(shutil.copytree(bench, tmp_path / "own"))
@@ -309,6 +314,7 @@ def test_an_instrument_has_to_be_named_and_calibrated(bench: Path, more: dict[st
 # ---- files
 
 
+@pytest.mark.slow
 @pytest.mark.long_cases("3-RPS", "6-UPS", "delta-rotary", "maslow")
 @pytest.mark.parametrize("kind", ["3-RPR", *(pytest.param(k, marks=pytest.mark.slow)
                                             for k in KINDS if k != "3-RPR")])
@@ -327,6 +333,7 @@ def test_the_digital_certificate_is_valid(bench: Path, tmp_path: Path, kind: str
     against_the_schema(text)
 
 
+@pytest.mark.slow
 def test_numbers_of_the_xml_are_those_of_the_json(bench: Path, record: dict[str, Any]) -> None:
     text = (bench / "certificate/certificate.xml").read_text("utf-8")
     largest = value(record, name="largest error of position")
@@ -337,6 +344,7 @@ def test_numbers_of_the_xml_are_those_of_the_json(bench: Path, record: dict[str,
     assert "Customer &amp; Sons" in text and "Köln" in text
 
 
+@pytest.mark.slow
 def test_faults_of_a_digital_certificate_are_found(bench: Path) -> None:
     text = (bench / "certificate/certificate.xml").read_text("utf-8")
     for old, new in (("<dcc:countryCode>DE", "<dcc:countryCode>Germany"),
@@ -345,6 +353,7 @@ def test_faults_of_a_digital_certificate_are_found(bench: Path) -> None:
         assert faults(text.replace(old, new)), old
 
 
+@pytest.mark.slow
 def test_the_pdf_has_two_or_three_pages_and_no_date(bench: Path) -> None:
     pdf = (bench / "certificate/certificate.pdf").read_bytes()
     assert pdf.startswith(b"%PDF-") and b"CreationDate" not in pdf
@@ -409,6 +418,7 @@ def test_the_page_fits_on_a4(bench: Path, tmp_path: Path) -> None:
 # ---- reports
 
 
+@pytest.mark.slow
 def test_a_report_has_what_the_certificate_states(bench: Path, record: dict[str, Any]) -> None:
     ppmcal("report", "certificate", "--out", "page", cwd=bench, expect=0)
     page = (bench / "page/report.html").read_text("utf-8")
@@ -421,6 +431,7 @@ def test_a_report_has_what_the_certificate_states(bench: Path, record: dict[str,
     assert [c["record"]["figures"] for c in told["certificates"]] == [record["figures"]]
 
 
+@pytest.mark.slow
 def test_a_limit_that_is_not_kept_is_what_to_look_at(bench: Path, tmp_path: Path) -> None:
     failed = json.loads((bench / "certificate/certificate.json").read_text("utf-8"))
     failed["decision"]["result"] = "fail"

@@ -72,6 +72,7 @@ def test_compare_tells_what_changed_without_names_or_platform(folders, break_):
     assert bare.record.moved is None and "comparison.json" in bare.files()
 
 
+@pytest.mark.slow
 def test_compensate_sends_commands_without_what_is_told_beside_them(folders, break_):
     model = folders[0] / "identified.yaml"
     whole = ppmcal.compensate(model, TARGETS, frame="base")
@@ -82,6 +83,7 @@ def test_compensate_sends_commands_without_what_is_told_beside_them(folders, bre
     assert (whole.exit_code, bare.exit_code) == (0, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["averaged", "worse_rows", "unsafe_ways"])
 def test_what_decides_whether_commands_are_safe_is_no_extra(folders, break_, name):
     break_((compensate_command, name))
@@ -125,6 +127,7 @@ def test_validate_refuses_where_the_machine_itself_cannot_be_judged(runs, folder
         ppmcal.validate(folders[0], runs[1].data)
 
 
+@pytest.mark.slow
 def test_export_without_how_well_the_model_is_known(folders, break_, tmp_path):
     poses = tmp_path / "poses.csv"
     poses.write_text("x,y,rz\n500,260,25\n505,262,26\n", encoding="utf-8")
@@ -136,6 +139,7 @@ def test_export_without_how_well_the_model_is_known(folders, break_, tmp_path):
     assert WHY in bare.files()["export.json"]
 
 
+@pytest.mark.slow
 def test_kinematics_without_how_well_the_model_is_known(folders, break_):
     whole = ppmcal.inverse(folders[0] / "identified.yaml", TARGETS)
     break_((kinematics_command, "model_sigma"))
@@ -198,6 +202,7 @@ def test_a_diagnosis_keeps_the_pictures_that_can_be_drawn(break_, caplog):
     assert left_out(r.message for r in caplog.records)
 
 
+@pytest.mark.slow
 def test_a_page_has_its_other_chapters(folders, break_):
     break_((identified, "identified_section"), (page, "_provenance"))
     found = ppmcal.make_report(folders[0]).files()
@@ -214,6 +219,7 @@ def test_the_page_of_a_batch_stands_without_what_is_common(break_):
     assert found.count(WHY) == 4 and "All campaigns" in found
 
 
+@pytest.mark.slow
 def test_a_fault_of_the_program_is_told(folders, monkeypatch):
     monkeypatch.setattr(compensate_command, "doubts", lambda *_: len(3))
     with pytest.raises(TypeError):

@@ -200,6 +200,7 @@ def test_what_cannot_be_is_refused_with_a_reason(stage, case):
 # ---------------------------------------------------------------- what it returns
 
 
+@pytest.mark.slow
 def test_a_result_shows_itself(fit, session):
     for result in (fit, session):
         assert len(repr(result)) < 200

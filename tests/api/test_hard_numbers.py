@@ -170,8 +170,8 @@ def test_a_home_at_or_near_a_singularity(command, home):
     refused("singular", lambda: SINGULAR_HOMES[command](homed(home)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("home", SINGULAR)
-@pytest.mark.slow_cases("0.0", "1e-09")
 def test_kinematics_and_check_of_a_singular_home(home):
     machine = homed(home)
     assert any("singularity at home" in f for f in face.check(machine).findings)

@@ -42,6 +42,7 @@ def campaign(name, kind, rows, noise=0.01, seed=0, **sidecar):
         "target": "known", **sidecar})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [3, 4])
 @pytest.mark.parametrize(("name", "kind"), [
     ("3-RPR", "distance"), ("delta-linear", "distance"), ("delta-linear", "plane")])

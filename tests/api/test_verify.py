@@ -81,10 +81,10 @@ def checked(desk: Path, *words: object, code: int, cwd: Path | None = None):
     return found["runs"]
 
 
+@pytest.mark.slow_cases("imported", "identified", "kin", "may")
 @pytest.mark.long_cases(
     "certify-of-desk", "compared", "diagnosed", "figures-of-desk", "identified-may", "plan",
     "reported", "stiffness", "tol", "validated", "ws")
-@pytest.mark.slow_cases("imported", "identified", "kin")
 @pytest.mark.parametrize("name", [
     n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in WRITING])
 def test_what_a_command_wrote_is_made_again_byte_by_byte(desk: Path, name: str) -> None:

@@ -51,6 +51,7 @@ def exchanged(data, *pairs):
     return replace(data, q=data.q[:, order])
 
 
+@pytest.mark.slow
 @pytest.mark.long_cases("cables-0.0", "cables-0.0002")
 @pytest.mark.parametrize("scatter", [0.0, 2e-4])
 @pytest.mark.parametrize("tree", [belts, cables], ids=["belts", "cables"])

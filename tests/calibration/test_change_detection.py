@@ -332,6 +332,7 @@ def sessions(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_compare_says_nothing_changed(sessions: Path, tmp_path: Path) -> None:
     run = ppmcal("compare", "idA", "idB", "--out", tmp_path / "o", cwd=sessions, expect=0)
     assert "nothing has changed" in run.out
@@ -471,6 +472,7 @@ def test_keep_says_when_the_machine_has_changed(sessions: Path, tmp_path: Path) 
     assert "the machine has changed since the calibration" in words
 
 
+@pytest.mark.slow
 def test_bad_starts_are_refused(sessions: Path, tmp_path: Path) -> None:
     data = "B/measurements.csv"
     (tmp_path / "identified.yaml").write_text((sessions / "idA" / "identified.yaml").read_text())

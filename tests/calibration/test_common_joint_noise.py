@@ -55,8 +55,8 @@ def test_intervals_cover_what_is_true_where_the_noise_is_of_the_joints(
     assert low < square < high
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [2, 3])
-@pytest.mark.slow_cases("3")
 def test_the_posterior_is_that_of_the_whole_covariance(tmp_path: Path, count: int) -> None:
     """Generalised least squares by the bench's own formulas, at the truth: it is nominal here.
 

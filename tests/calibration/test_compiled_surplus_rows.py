@@ -110,6 +110,7 @@ def both(monkeypatch, work):
     return plain, work()
 
 
+@pytest.mark.slow_cases("legs alone", "legs, position", "pulleys alone", "pulleys, pose")
 @pytest.mark.long_cases("cables, pose")
 def test_sums_are_those_of_numpy(bench, monkeypatch):
     problem, state, keep, weights = bench

@@ -72,6 +72,7 @@ def test_noise_stated_far_too_large_gives_way(stage, day):
     assert found.source == RESIDUALS and found.sigma == pytest.approx(SIGMA, rel=0.15)
 
 
+@pytest.mark.slow
 def test_what_a_model_misses_is_no_noise(stage, bent):
     """Curved drives leave much more than the noise, which is stated rightly."""
     found = day_noise([stage], bent)

@@ -55,6 +55,7 @@ def chosen(machine, data):
     return with_chosen_freedoms(Problem(machine, data, machine.free), FitOptions(), [False])
 
 
+@pytest.mark.slow
 def test_leaning_towers_are_kept_where_they_lean_and_only_there(printer):
     for leaning in (False, True):
         problem, choice = chosen(printer, measured(printer, leaning, 3))

@@ -106,6 +106,7 @@ def test_tolerances_that_are_too_tight_are_a_finding(hexapod: Mechanism) -> None
     assert not any("too tight" in f for f in report(fit, FitOptions(robust=False), 0.0, 1).findings)
 
 
+@pytest.mark.slow
 def test_noise_that_is_too_small_is_not_blamed_on_the_tolerances(hexapod: Mechanism) -> None:
     data = campaign(hexapod, 1, 1.0).noisier(0.25)
     fit, check = found(hexapod, replace(data, estimated=False))

@@ -53,6 +53,7 @@ def calipers(mechanism: Mechanism, g: Array, rng: np.random.Generator, n: int) -
     return replace(found, name="calipers", sigma_value=np.full(n, 2e-5))
 
 
+@pytest.mark.slow
 def test_what_left_out_rows_would_change_starts_from_the_values_that_are_told(
         tmp_path: Path) -> None:
     """The touches scatter three times as much as stated, so that the fit is not the first one."""

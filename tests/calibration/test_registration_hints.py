@@ -61,8 +61,8 @@ CASES = {"rotation": ("target_rotation: unknown", lambda: turned(day(2, "day2"))
              "leg1.offset": 0.3, "leg2.offset": 0.4, "leg3.offset": -0.5}))}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", list(CASES))
-@pytest.mark.slow_cases("frame")
 def test_what_was_changed_between_days_is_told(what: str) -> None:
     mend, second = CASES[what]
     fit = fitted(day(1, "day1"), second())

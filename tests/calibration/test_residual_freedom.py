@@ -45,6 +45,7 @@ def campaign(hexapod: Mechanism, seed: int) -> Dataset:
     return data
 
 
+@pytest.mark.slow
 def test_mean_square_of_residuals_over_their_freedom_is_the_noise(fits: list) -> None:
     variance = np.mean([f.information.square / residual_freedom(f) for f in fits])
     values = sum(residual_freedom(f) for f in fits)
@@ -62,6 +63,7 @@ def test_values_fitted_are_the_trace_of_the_hat_matrix() -> None:
     assert values_fitted(5, np.diagonal(covariance), prior) == pytest.approx(np.trace(hat))
 
 
+@pytest.mark.slow
 def test_both_ways_to_solve_agree(fits: list) -> None:
     fit = fits[0]
     own = fit.information.count - residual_freedom(fit)

@@ -85,11 +85,11 @@ def test_ways_that_a_fine_search_finds_unsound_are_found(name: str) -> None:
     np.testing.assert_array_equal(mine, wrong)
 
 
-@pytest.mark.long_cases("cable-8-pulleys", "delta-parallelograms")
 @pytest.mark.slow_cases(
     "6-UPS", "cable-4-planar", "stewart-7", "3-RPS", "3-UPU", "6-PUS", "6-RUS", "cable-4-pulleys",
     "hangprinter", "linapod", "maslow", "mixed-spatial", "passive-legs", "tricept", "cable-8",
-    "delta-linear-6rods", "delta-rotary-6rods")
+    "delta-linear-6rods", "delta-rotary-6rods", "3-RRR-1", "five-bar")
+@pytest.mark.long_cases("cable-8-pulleys", "delta-parallelograms")
 @pytest.mark.parametrize("name", CONFIGS)
 def test_no_way_inside_the_workspace_is_refused(name: str) -> None:
     mechanism = machine(name)
@@ -219,6 +219,7 @@ def commands(mechanism: Mechanism, count: int = 8) -> Compensation:
     return found
 
 
+@pytest.mark.slow
 def test_rows_that_are_better_left_alone_are_refused() -> None:
     mechanism = machine("6-UPS")
     found = commands(mechanism)
@@ -246,6 +247,7 @@ def test_a_row_of_which_nobody_knows_what_is_left_is_refused() -> None:
         np.flatnonzero(unknown).tolist())
 
 
+@pytest.mark.slow
 def test_a_few_rows_that_are_worse_do_not_refuse_the_others() -> None:
     """One row far beyond what the model knows has the rms of all of them for itself."""
     mechanism = machine("6-UPS")
@@ -264,6 +266,7 @@ def test_a_few_rows_that_are_worse_do_not_refuse_the_others() -> None:
         judged(0, 1, 2, 3, 4)
 
 
+@pytest.mark.slow
 def test_rotation_counts_by_itself() -> None:
     mechanism = machine("6-UPS")
     found = commands(mechanism)
@@ -441,10 +444,10 @@ def test_what_is_assumed_must_be_a_condition_that_is_not_there() -> None:
 # --- models that miss their own data ----------------------------------------------------------
 
 
+@pytest.mark.slow_cases("8.0-0.0-True", "5.1-1e-30-True")
 @pytest.mark.parametrize(("ratio", "p", "bad"), [
     (1.0, 0.4, False), (4.9, 1e-30, False), (5.1, 1e-30, True), (50.0, 0.2, False),
     (float("nan"), float("nan"), False), (8.0, 0.0, True)])
-@pytest.mark.slow_cases("8.0-0.0-True")
 def test_a_model_that_misses_its_own_data_is_refused_as_a_whole(ratio: float, p: float, bad: bool
                                                                 ) -> None:
     mechanism = replace(off(machine("3-RPR")), measured=MeasurementBasis(ratio, p))

@@ -88,6 +88,7 @@ def test_beyond_what_tolerances_explain_is_refused(part: float) -> None:
     assert np.isfinite(found.position_before).all()
 
 
+@pytest.mark.slow
 def test_without_a_tolerance_any_command_is_explained() -> None:
     mechanism = sideways(machine(), 0.02)
     assert set(commands(mechanism).status) == {"refused"}

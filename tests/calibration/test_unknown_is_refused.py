@@ -83,10 +83,10 @@ def test_a_row_that_a_rival_machine_cannot_reach_is_refused() -> None:
                for r in np.array(result.reason)[~sent(result)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", [
     {"kind": "friction", "parameters": {"static": 2e-3, "dynamic": 1e-3, "speed": 0.02}},
     {"kind": "lag", "parameters": {"tau": 5e-3}}])
-@pytest.mark.slow_cases("effect1")
 def test_a_rival_that_needs_velocities_counts_as_at_rest(effect: dict[str, Any]) -> None:
     """Targets are places, seldom with velocities; all of them had been refused."""
     mechanism = machine()

@@ -218,6 +218,7 @@ def test_demo_refuses_a_folder_of_somebody_else(tmp_path):
     assert tree(tmp_path) == {"mine.txt": b"mine"}
 
 
+@pytest.mark.slow
 def test_check_with_findings_is_1(bench):
     text = (bench / "m.yaml").read_text()
     # equal triangles at equal orientation: all struts meet in one point
@@ -329,6 +330,7 @@ def test_failing_run_leaves_existing_output_alone(bench):
     assert tree(bench) == before
 
 
+@pytest.mark.slow
 def test_output_keeps_foreign_files(bench):
     (bench / "i" / "notes.txt").write_text("mine")
     ppmcal("identify", "m.yaml", "s/measurements.csv", "--out", "i", cwd=bench, expect=0)
@@ -848,6 +850,7 @@ def test_known_frame_and_target(bench):
     assert all(p["sigma_data"] for p in found["parameters"] if p["status"] == "identified")
 
 
+@pytest.mark.slow
 def test_partly_measured_rows(bench):
     table = rows(bench / "s" / "measurements.csv")
     table[2]["rz"], table[5]["x"], table[7]["y"] = "", "nan", "NaN"

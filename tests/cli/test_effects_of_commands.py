@@ -287,6 +287,7 @@ def pose_apart(a: Path, b: list[dict[str, Any]]) -> float:
                for c in WANTED)
 
 
+@pytest.mark.slow
 def test_kinematics_there_and_back(tmp_path: Path) -> None:
     """Inverse, then forward with the same conditions: the wanted poses; without effects, not."""
     model, plain = machine(tmp_path, "3-RPR", ACTING), machine(tmp_path, "3-RPR", [], "p.yaml")

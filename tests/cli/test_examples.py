@@ -34,18 +34,13 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return shared_desk(tmp_path_factory)
 
 
+@pytest.mark.slow
 @pytest.mark.long_cases(
     "certify identified run2.csv --about about.yaml", "compare identified identified-may",
     "diagnose mine.yaml run2.csv", "figures identified --width 174mm",
     "identify mine.yaml run1.csv run2.csv --leave-out session",
     "identify mine.yaml run2.csv --start identified --keep --out kept",
     "validate identified run2.csv --against identified-may", "plan mine.yaml --count 15")
-@pytest.mark.slow_cases(
-    "import klipper printer.cfg", "sensitivity mine.yaml --home-only",
-    "identify mine.yaml run1.csv", "export maslow fitted-maslow", "export mjcf identified",
-    "report identified compared", "figures identified --only machine", "verify identified",
-    "verify identified --inputs archive", "kinematics forward mine.yaml joints.csv --all",
-    "kinematics inverse mine.yaml poses.csv --pictures")
 @pytest.mark.parametrize("line", [
     pytest.param(line, marks=pytest.mark.slow if name in SLOW else ()) for name, line in HERE],
     ids=[line.removeprefix("ppmcal ") for _, line in HERE])

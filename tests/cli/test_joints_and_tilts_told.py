@@ -36,6 +36,7 @@ def flat(text):
     return re.sub(r"\s+", " ", text)
 
 
+@pytest.mark.slow
 def test_what_identify_tells(desk):
     folder, told = desk
     assert re.search(r"e2: the encoder at leg2.joint1 reads (19.99|20.0)\S* deg more than is true "

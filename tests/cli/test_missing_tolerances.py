@@ -44,6 +44,7 @@ def test_every_command_tells_it_and_none_fails_for_it(bare, words, tmp_path):
     assert done.code == 0, said
 
 
+@pytest.mark.slow
 def test_it_stands_in_the_records_too(bare, tmp_path):
     ppmcal("identify", "m.yaml", "simulated/measurements.csv", "--out", str(tmp_path / "out"),
            cwd=bare)

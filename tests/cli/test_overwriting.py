@@ -95,6 +95,7 @@ def test_every_command_that_writes_single_files_is_tried() -> None:
     assert {*FILES} == {name for name in names() if command(name).files}
 
 
+@pytest.mark.slow_cases("import")
 @pytest.mark.parametrize("name", FOLDERS)
 def test_a_folder_with_other_work_is_refused(name: str, here: Path) -> None:
     (here / "mine").mkdir()
@@ -149,9 +150,9 @@ def test_a_command_replaces_its_own_results_and_takes_stale_ones_away(
     assert (here / OUT / "notes.txt").read_text() == "mine"
 
 
+@pytest.mark.slow_cases("import", "identify", "sensitivity")
 @pytest.mark.long_cases("certify", "plan")
 @pytest.mark.parametrize("name", slowly(FOLDERS))
-@pytest.mark.slow_cases("import", "identify")
 def test_no_force_replaces_an_input(name: str, done: Callable[[str], tuple[int, Path]], here: Path
                                     ) -> None:
     """Every input stands in the folder of the results too, under each name that is written."""

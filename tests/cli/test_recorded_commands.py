@@ -68,6 +68,7 @@ def compensated(bench, tmp_path_factory, request):
     return folder, " ".join(done.out.split()), request.param
 
 
+@pytest.mark.slow
 def test_commands_go_back_as_the_joints_were_recorded(compensated):
     """Headers, inches, decimal commas and the turned sign; what was refused is left out."""
     folder, said, recorded = compensated
@@ -88,6 +89,7 @@ def test_commands_go_back_as_the_joints_were_recorded(compensated):
             "commas") in said
 
 
+@pytest.mark.slow
 def test_rounding_takes_less_than_the_model_is_uncertain_by(compensated):
     """Two recorded decimals, 0.25 mm, are too few of them; six are kept though fewer would do."""
     folder, _, recorded = compensated
@@ -103,6 +105,7 @@ def test_rounding_takes_less_than_the_model_is_uncertain_by(compensated):
     assert step < sigma < 10.0 * float(INCH) * 10.0 ** -recorded
 
 
+@pytest.mark.slow
 def test_the_same_sidecar_reads_them_back(compensated):
     """With what a tracker measured at them: the joint values are those that were sent."""
     folder, _, _ = compensated

@@ -47,6 +47,7 @@ def block(path: Path) -> dict[str, object]:
     return found
 
 
+@pytest.mark.slow
 def test_a_model_file_says_how_well_it_fits_and_what_was_measured(bench: Path) -> None:
     good, bad = (block(bench / n / "identified.yaml") for n in ("good", "bad"))
     noise = json.loads((bench / "bad/identification.json").read_text())["noise"]
@@ -111,9 +112,10 @@ def unfinished(bench: Path) -> Path:
     return bench / "unfinished"
 
 
+@pytest.mark.slow_cases(
+    "folder-line1", "folder-line2", "older folder-line1", "older folder-line2", "yaml alone-line1")
 @pytest.mark.parametrize("line", LINES)
 @pytest.mark.parametrize("known_by", ["folder", "yaml alone", "older folder"])
-@pytest.mark.slow_cases("folder-line1", "folder-line2", "older folder-line1", "older folder-line2")
 def test_a_model_whose_fit_had_not_converged_is_refused_with_exit_3(
         bench: Path, unfinished: Path, tmp_path: Path, line: list[str], known_by: str) -> None:
     model = tmp_path / "machine.yaml"

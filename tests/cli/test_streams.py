@@ -45,6 +45,7 @@ def test_results_are_written_although_standard_output_is_full(bench, tmp_path, m
     assert set(tree(tmp_path / "o")) == set(tree(tmp_path / "want"))
 
 
+@pytest.mark.slow_cases("args2")
 @pytest.mark.skipif(not FULL.exists(), reason="there is no /dev/full")
 @pytest.mark.parametrize("args", [("--help",), ("identify", "--help"), ("init",)])
 def test_help_into_a_full_disk(args):

@@ -21,12 +21,14 @@ def fit(tmp_path_factory):
     return folder, made, found
 
 
+@pytest.mark.slow
 def test_its_table_has_a_column_for_each_motor(fit):
     folder, _, _ = fit
     header = (folder / "try" / "measurements.csv").read_text().partition("\n")[0].split(",")
     assert header[:5] == ["pose", "q_left", "q_right", "x", "y"]
 
 
+@pytest.mark.slow
 def test_places_hold_within_the_noise(fit):
     """Three combinations are the frame's: bases, offsets and the tracker's frame turn together."""
     _, _, found = fit
@@ -36,6 +38,7 @@ def test_places_hold_within_the_noise(fit):
     assert np.sqrt(np.mean(left**2)) < 0.03    # mm, as the scenario's tracker scatters by 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("form", "files"), [
     ("joints", {"left.comp", "right.comp", "export.json"}), ("grid", {"grid.csv", "export.json"})])
 def test_it_is_exported_as_tables(fit, form, files):
@@ -45,6 +48,7 @@ def test_it_is_exported_as_tables(fit, form, files):
     assert found.exported.after.rms < 0.1 * found.exported.before.rms
 
 
+@pytest.mark.slow
 def test_no_firmware_of_other_machines_takes_it(fit):
     """LinuxCNC drives it by the joint tables: none of its kinematics modules is a five-bar's."""
     folder, _, found = fit

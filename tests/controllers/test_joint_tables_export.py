@@ -157,6 +157,7 @@ def test_points_are_as_few_as_the_error_allows(waves: float, slope: float, targe
 
 # ---------------------------------------------------------------- tables of a machine
 
+@pytest.mark.slow
 def test_backlash_is_the_difference_of_the_columns(tmp_path: Path) -> None:
     path = machine(tmp_path, effects=DRIVES[:1])
     ppmcal("export", "joints", path, "--out", tmp_path / "o", expect=0)

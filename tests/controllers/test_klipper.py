@@ -153,10 +153,12 @@ def read_back(folder: Path) -> DeltaGeometry:
 # ---------------------------------------------------------------- from printer.cfg and back
 
 
+@pytest.mark.slow
 def test_three_commands_recover_the_printer(printer: Path) -> None:
     assert apart(read_back(printer), TRUE) < 2e-3     # a 1/1000 of a step was cut off
 
 
+@pytest.mark.slow
 def test_import_reads_what_the_printer_saved(printer: Path) -> None:
     found = read_printer(printer / "printer.cfg")
     assert found.geometry == OLD
@@ -172,6 +174,7 @@ def test_import_reads_what_the_printer_saved(printer: Path) -> None:
         "delta_radius", "rod"]
 
 
+@pytest.mark.slow
 def test_export_says_where_the_firmware_keeps_its_own(printer: Path, tmp_path: Path) -> None:
     run = ppmcal("export", "klipper", printer / "identified" / "identified.yaml", "--old",
                  printer / "printer.cfg", cwd=tmp_path, expect=0)
@@ -180,6 +183,7 @@ def test_export_says_where_the_firmware_keeps_its_own(printer: Path, tmp_path: P
     assert "Predicted error over" in words and "all of the geometry" in words
 
 
+@pytest.mark.slow
 def test_an_imported_printer_is_exported_as_it_was(printer: Path, tmp_path: Path) -> None:
     run = ppmcal("export", "klipper", printer / "imported" / "machine.yaml", "--json",
                  "--out", tmp_path / "exported", expect=0)
@@ -232,6 +236,7 @@ def laid(at: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     return np.column_stack([a[:, :2] @ turn.T - w[:, :2], at[:, 2] - wanted[:, 2]])
 
 
+@pytest.mark.slow
 def test_predicted_gain_against_trilateration(printer: Path) -> None:
     model = read_mechanism(printer / "identified" / "identified.yaml")
     found = project(model, KLIPPER, OLD)

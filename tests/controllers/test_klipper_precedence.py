@@ -178,6 +178,7 @@ def test_only_files_beside_are_followed_and_no_circle(tmp_path: Path) -> None:
     assert "includes itself" in run.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("words", "said"), [
     (["klipper", "m.yaml", "--write"], "--old"), (["linuxcnc", "m.yaml", "--write"], "no copy")])
 def test_a_copy_wants_a_file_and_a_format(tmp_path: Path, words: list[str], said: str) -> None:

@@ -342,6 +342,7 @@ def test_joint_centres_are_driven_exactly(tmp_path: Path) -> None:
     assert len(run["parameters"]) == 48
 
 
+@pytest.mark.slow
 def test_the_predicted_gain_is_that_by_hand(tmp_path: Path) -> None:
     path = changed(tmp_path, {"leg2": {"offset": {"value": 1.2, "nominal": 0.4}}}, base=0.5,
                    platform=0.3)
@@ -424,6 +425,7 @@ def test_the_present_pins_are_read_and_kept(tmp_path: Path) -> None:
         text.split("Pins of")[1])
 
 
+@pytest.mark.slow
 def test_inches_are_seen_by_the_size_of_the_old_points(tmp_path: Path) -> None:
     path = changed(tmp_path, {"leg1": {"offset": {"value": 2.54, "nominal": 0}}}, base=0.5,
                    platform=0.3)

@@ -86,6 +86,7 @@ def test_no_back_off_is_above_zero_and_old_reports_have_no_trims():
         assert read(format_delta(delta, "a comment; M665 L1")) == delta.rounded()
 
 
+@pytest.mark.slow
 def test_a_printer_goes_out_as_it_came_in(tmp_path):
     """Of a machine that was changed, the new lines leave nothing of what they were worth."""
     (tmp_path / "m503.txt").write_text(REPORT)

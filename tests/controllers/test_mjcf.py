@@ -80,8 +80,8 @@ def test_at_joint_values_mujoco_has_the_platform_where_we_have_it(name):
         assert np.abs(rotation - turn).max() < 1e-9
 
 
+@pytest.mark.slow_cases("3-UPU", "delta-parallelograms")
 @pytest.mark.parametrize("name", NAMED)
-@pytest.mark.slow_cases("3-UPU")
 def test_its_actuators_bring_it_there(name):
     """Through servos and constraints that give way, from home, until it rests."""
     world, q, turns, places = bodies(config(name), 1)

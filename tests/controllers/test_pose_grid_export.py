@@ -248,6 +248,7 @@ def test_wanted_turns_beyond_half_a_turn_keep_their_way_of_counting(tmp_path: Pa
     assert np.abs(got["cmd_rz"] - got["rz"]).max() < 1.0
 
 
+@pytest.mark.slow
 def test_lists_that_lead_nowhere_are_refused(tmp_path: Path) -> None:
     path = written(tmp_path, identified("3-RPR"))
     write_csv(tmp_path / "p.csv", [{"x": 5000, "y": 290, "rz": 30}])

@@ -368,6 +368,7 @@ def mesh_lines(heights: np.ndarray, ends: tuple[float, float, float, float]) -> 
     return out + f"#*# x_count = {len(heights[0])}\n#*# y_count = {len(heights)}\n"
 
 
+@pytest.mark.slow
 def test_a_saved_mesh_becomes_touches_to_and_fro(tmp_path: Path) -> None:
     """A round bed of 5 x 5 points probed beside the nozzle: 13 were touched."""
     heights = np.arange(25.0).reshape(5, 5) / 100.0

@@ -111,6 +111,7 @@ def test_every_controller_says_what_it_does_and_is_in_the_docs():
         assert hasattr(entry.load(), "import_config") and f"ppmcal import {name}" in page
 
 
+@pytest.mark.slow
 def test_no_other_module_names_a_controller():
     """Neither as a text nor by an import; words of sentences that are told are not names."""
     names = set(controllers.own())

@@ -294,6 +294,7 @@ def test_the_gain_against_the_present_file(tmp_path: Path) -> None:
     assert lines[0] == lines[1]
 
 
+@pytest.mark.slow
 def test_files_that_the_old_one_runs_are_named(tmp_path: Path) -> None:
     (tmp_path / "config.g").write_text('M98 P"a.g"\n' + OVERRIDE + 'M501\nM98 P"drives.g"\n')
     run = ppmcal("export", "reprap", CONFIGS / "delta-linear.yaml", "--old", "config.g",

@@ -31,6 +31,7 @@ def changed(value, by):
     return {"value": value + by, "nominal": value}
 
 
+@pytest.mark.slow
 def test_a_drawing_goes_out_as_its_four_lengths(tmp_path):
     ran = ppmcal("export", "twincat", DELTA, cwd=tmp_path, expect=0)
     assert "TwinCAT's parameters hold all of the geometry" in " ".join(ran.out.split())
@@ -76,6 +77,7 @@ def test_arms_that_differ_are_fitted_and_told(tmp_path):
     assert "could not be checked" in told and "stays nominal" in told
 
 
+@pytest.mark.slow
 def test_what_is_refused(tmp_path, monkeypatch):
     for option in ("old", "poses"):
         with pytest.raises(BadInput, match="compared with the nominal ones"):

@@ -30,6 +30,7 @@ def here(fitted: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(fitted, tmp_path / "own"))
 
 
+@pytest.mark.slow
 def test_the_verdict_comes_first_with_errors_before_and_after(here: Path) -> None:
     run = ppmcal("export", "klipper", "both", "--old", "printer.cfg", cwd=here, expect=0)
     words = " ".join(run.out.split())
@@ -44,6 +45,7 @@ def test_the_verdict_comes_first_with_errors_before_and_after(here: Path) -> Non
     assert all(line in run.out for line in record["lines"])
 
 
+@pytest.mark.slow
 def test_heights_alone_do_not_check_the_size(here: Path) -> None:
     ppmcal("export", "klipper", "heights", cwd=here, expect=0)
     verdict = json.loads((here / "exported" / "export.json").read_text())["verdict"]
@@ -52,6 +54,7 @@ def test_heights_alone_do_not_check_the_size(here: Path) -> None:
                for one in verdict["unchecked"])
 
 
+@pytest.mark.slow
 def test_a_machine_that_nobody_measured_is_not_judged(here: Path) -> None:
     run = ppmcal("export", "klipper", "imported/machine.yaml", cwd=here, expect=0)
     assert run.out.startswith("Paste this: not judged;")
@@ -75,9 +78,9 @@ def test_lines_to_paste_are_never_broken(tmp_path: Path) -> None:
     assert "run_1" not in run.out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("folders", "stands"), [
     (("one",), 1), (("one", "both"), 1), (("one", "two"), 4)])
-@pytest.mark.slow_cases("folders0-1", "folders1-1")
 def test_a_page_says_the_verdict_once(here: Path, folders: tuple[str, ...], stands: int) -> None:
     """Of its only export; of two the beginning and each one's chapter say it."""
     for name, model in (("one", "both"), ("two", "heights")):
@@ -123,6 +126,7 @@ def test_write_changes_the_numbers_alone_and_keeps_the_old_file(here: Path) -> N
     assert "is not the file that" in " ".join(run.err.split())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("away", [False, True])
 def test_write_leaves_a_file_that_the_machine_is_not_of(here: Path, away: bool) -> None:
     path = here / "printer.cfg"

@@ -446,6 +446,7 @@ def planned(tmp_path_factory):
     return folder, run
 
 
+@pytest.mark.slow
 def test_what_is_written(planned):
     folder, run = planned
     out = folder / "plan"

@@ -45,6 +45,7 @@ def predicted(found, rows):
                     strict=True))
 
 
+@pytest.mark.slow
 def test_the_gauge_is_that_of_identify(chosen):
     mechanism = read_mechanism(CONFIGS / "maslow.yaml")
     data = chosen.instrument.dataset(chosen.pool.q, chosen.pool.pose, {}, mechanism)
@@ -56,6 +57,7 @@ def test_the_gauge_is_that_of_identify(chosen):
     assert not any("Scale" in s for s in said)
 
 
+@pytest.mark.slow
 def test_planned_places_tell_more_than_random_ones(chosen):
     own = predicted(chosen, chosen.rows)
     rng = np.random.default_rng(5)
@@ -91,6 +93,7 @@ def test_one_distance_fixes_the_scale_where_ratios_are_free(none, tmp_path):
     assert "between rows" in said
 
 
+@pytest.mark.slow
 def test_places_are_those_where_all_ropes_can_pull(chosen):
     """Between the anchors: beyond them two ropes cannot pull against the others."""
     x, y = chosen.pool.pose[:, :2].T
@@ -100,8 +103,8 @@ def test_places_are_those_where_all_ropes_can_pull(chosen):
     assert "with slack ropes" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cable-4-planar", "cable-8"])
-@pytest.mark.slow_cases("cable-8")
 def test_ways_of_surplus_limbs_are_those_of_the_platform(name):
     """Ropes whose lengths went straight from place to place would contradict each other."""
     mechanism = read_mechanism(CONFIGS / f"{name}.yaml")

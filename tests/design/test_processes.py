@@ -31,6 +31,7 @@ with interruptible():
 """
 
 
+@pytest.mark.slow
 def test_answers_come_in_order(tmp_path: Path) -> None:
     assert list(over(stay, str(tmp_path), range(9), 2)) == list(range(9))
 

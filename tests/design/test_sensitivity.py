@@ -220,6 +220,7 @@ def test_six_bars_ten_micrometres_too_long(tmp_path: Path) -> None:
     assert large["together"]["relative"] == pytest.approx(1.30e-3, rel=0.01)
 
 
+@pytest.mark.slow
 def test_figure_9_grows_with_the_square_of_the_error(tmp_path: Path) -> None:
     linapod(tmp_path, "--home-only", "--together", "*.length")
     table = rows(tmp_path / "o" / "linearity.csv")

@@ -263,6 +263,7 @@ def test_the_internal_loads_put_through_the_springs_move_the_tool_as_c_does(kind
         np.testing.assert_allclose(found.matrix[n] @ wrench[list(mechanism.dof)], ours, rtol=1e-9)
 
 
+@pytest.mark.slow_cases("(R)US")
 @pytest.mark.parametrize("kind", machines.KINDS)
 def test_springs_as_shifts_of_slots_move_the_nonlinear_machine_alike(kind: str) -> None:
     whole = sprung(kind)

@@ -299,6 +299,7 @@ def test_a_machine_without_result_never_stops_the_others(
     assert "cannot take every task pose" in run_.out.replace("\n", " ")
 
 
+@pytest.mark.slow
 def test_the_check_says_where_the_linear_model_is_wrong() -> None:
     """Next to a singularity errors of a tolerance are no longer small."""
     one = fleet("3-RPR")

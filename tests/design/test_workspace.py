@@ -114,6 +114,7 @@ def test_dexterity_is_what_forward_kinematics_does(name):
     assert 0.0 < found.index <= 1.0
 
 
+@pytest.mark.slow
 def test_reach_of_three_struts_in_plain_geometry():
     """Status, share and area of a 3-R(P)R from strut lengths and leg lines alone."""
     mechanism = machine("3-RPR")
@@ -232,6 +233,7 @@ def test_distances_that_the_grid_cannot_settle_are_told(tmp_path):
     assert -100 <= near["y"] <= 570 and len(edge) > 10
 
 
+@pytest.mark.slow
 def test_no_singularity_is_invented():
     """Where an elbow turns over det A jumps; a delta has none of the second type in its reach."""
     for name in ("delta-linear", "3-PRP-1", "3-RRP-1", "3-PRR-1"):

@@ -36,6 +36,7 @@ def gain(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]
     return folder, diagnosed(folder)
 
 
+@pytest.mark.slow
 def test_an_effect_is_named_with_its_probability(gain: tuple[Path, dict[str, Any]]) -> None:
     folder, found = gain
     assert found["verdict"] in ("named", "named-set")

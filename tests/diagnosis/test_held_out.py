@@ -232,6 +232,7 @@ def test_what_to_measure_next_is_away_from_dead_points(
     assert proposed.min() >= 0.99 * (1.0 - WIDER) * np.nanmin(measured)
 
 
+@pytest.mark.slow
 def test_what_to_measure_next_follows_the_last_row(tmp_path: Path) -> None:
     """At the campaign's own pace, not hours later."""
     simulate(tmp_path, "3-RPR", [effect("leg_thermal", expansion=2e-5)], count=40, approach="one")

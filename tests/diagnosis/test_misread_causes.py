@@ -54,6 +54,7 @@ def refused(asked: Asked, mechanism: Mechanism, h: Hypothesis) -> Interpretation
     return error.value
 
 
+@pytest.mark.slow
 def test_no_file_is_refused_while_something_in_it_has_no_name(
         two_files: tuple[Asked, Mechanism]) -> None:
     """What looks like turned directions may be the rest of that."""
@@ -62,6 +63,7 @@ def test_no_file_is_refused_while_something_in_it_has_no_name(
     refuse_misread(told(asked, mechanism, turned, None))
 
 
+@pytest.mark.slow
 def test_directions_that_are_turned_are_told_with_their_file_and_their_rows(
         two_files: tuple[Asked, Mechanism]) -> None:
     asked, mechanism = two_files
@@ -80,6 +82,7 @@ def test_directions_that_are_turned_are_told_with_their_file_and_their_rows(
     assert found.block is not None and set(found.block) >= {"signs"}
 
 
+@pytest.mark.slow
 def test_a_column_in_another_unit_is_told_with_the_files_that_have_it(
         two_files: tuple[Asked, Mechanism]) -> None:
     asked, mechanism = two_files

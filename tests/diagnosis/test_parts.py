@@ -122,6 +122,7 @@ def surrounded(part: Any, **changes: Any) -> Any:
     return replace(part, response=replace(part.response, surroundings=lambda: rows))
 
 
+@pytest.mark.slow
 def test_what_is_optional_is_tried_alone_after_the_plain_kind() -> None:
     """And not where its columns are missing."""
     system, found = system_of("3-RPR", 1)

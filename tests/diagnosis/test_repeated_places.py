@@ -60,6 +60,7 @@ def asked(quiet):
                     UnknownCauses(system, all_settings(fit)))
 
 
+@pytest.mark.slow
 def test_noise_is_how_readings_repeat_at_a_place_whatever_places_add(quiet):
     data, = quiet[0].datasets
     assert 1e3 * data.sigma_actuator == pytest.approx(4 * [NOISE], rel=0.15)
@@ -67,6 +68,7 @@ def test_noise_is_how_readings_repeat_at_a_place_whatever_places_add(quiet):
     assert len(quiet[1]) == 1 and quiet[1][0].endswith("mm, as readings repeat at one place.")
 
 
+@pytest.mark.slow
 def test_stated_noise_and_places_read_once_stay_as_they_are(problem, quiet):
     stated, told = with_repeats_noise(quiet[0], ["said"], DiagnosisOptions())
     assert stated is quiet[0] and told == ["said"]
@@ -76,10 +78,12 @@ def test_stated_noise_and_places_read_once_stay_as_they_are(problem, quiet):
     assert alone.datasets[0].estimated and told == []
 
 
+@pytest.mark.slow
 def test_rows_of_one_place_are_not_correlated_but_pulled_alike(asked):
     assert not asked.system.apart.any() and len(asked.question.views) == 1
 
 
+@pytest.mark.slow
 def test_a_first_reading_is_more_often_off_and_a_place_is_off_as_a_whole(asked):
     first = first_readings(asked.system)
     assert np.flatnonzero(first).tolist() == list(range(0, PLACES * READ, READ))
@@ -100,6 +104,7 @@ def test_a_first_reading_is_more_often_off_and_a_place_is_off_as_a_whole(asked):
         columns[own[0]], columns[list(own)].shape), abs=2e-2 * np.abs(columns).max())
 
 
+@pytest.mark.slow
 def test_a_search_begins_with_what_belts_pull_at_each_place(asked):
     pulls, = (n for n, s in enumerate(asked.sources) if getattr(s, "label", "") == PULLS)
     begin = _pulled(asked, [])

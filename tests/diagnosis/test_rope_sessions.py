@@ -85,18 +85,21 @@ def test_joints_homed_anew_are_told_with_their_session(tmp_path):
     assert {e["row"]["value"] for e in found["effects"]} <= {1, 43, 82}
 
 
+@pytest.mark.slow
 def test_sessions_start_where_their_first_rows_are(days):
     session_of = days.problem.datasets[0].sessions
     first = {s: 1 + session_of.index(s) for s in ("1", "2", "3")}
     assert session_starts(days.problem) == first
 
 
+@pytest.mark.slow
 def test_sessions_that_overlap_have_no_start(days):
     data = days.problem.datasets[0]
     mixed = replace(data, sessions=tuple(np.roll(data.sessions, 10).tolist()))
     assert session_starts(days.problem.changed(datasets=(mixed,))) == {}
 
 
+@pytest.mark.slow
 def test_what_begins_with_a_session_is_as_likely_as_what_is_homed_anew(days):
     system = build(days.problem, days.state, days.keep)
     pairs = [(b, h) for b, h in blocks(library(system, ["zero_shift"])) if getattr(

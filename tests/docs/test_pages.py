@@ -23,11 +23,10 @@ from ppmcal.commands import command, names
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 ELSEWHERE = {"--scheduler": "needs a cluster"}
 """What a command line has that is not run here: its options are read all the same."""
-HEAVY = {"compare", "diagnose", "tolerances", "workspace", "batch", "plan", "stiffness",
-         "sensitivity", "validate", "demo"}
+QUICK = {"init", "check", "schema"}
+"""Commands without a fit."""
+HEAVY = {"diagnose", "sensitivity", "workspace"}
 """Commands that take more than some seconds."""
-QUICK = {"first-calibration.md", "own-mechanism.md", "data.md"}
-"""Whole pages that every test run can bear."""
 
 
 FEWER = {"tolerances": ("--machines", "100")}
@@ -66,9 +65,9 @@ def run(words: list[str], folder: Path) -> Ran:
 def cases():
     for path, whole, unit in shown():
         verbs = {word for s in unit if s.line for word in shlex.split(s.line)[1:2]}
-        slow = path.name not in QUICK if whole else bool(verbs & HEAVY)
-        yield pytest.param(path.name, whole, unit, id=f"{path.stem}-{unit[-1].block}",
-                           marks=pytest.mark.slow if slow else ())
+        marks = [getattr(pytest.mark, name) for name, holds in (
+            ("slow", whole or not verbs <= QUICK), ("long", verbs & HEAVY)) if holds]
+        yield pytest.param(path.name, whole, unit, id=f"{path.stem}-{unit[-1].block}", marks=marks)
 
 
 @pytest.fixture(scope="module")

@@ -93,6 +93,7 @@ def near(draw, good):
     return yaml.safe_dump(tree, allow_unicode=True).encode("utf-8", "surrogatepass")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["mechanism", "scenario", "yaml", "batch"])
 def test_files_that_are_nearly_right(name):
     @NEAR

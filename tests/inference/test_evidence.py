@@ -65,6 +65,7 @@ def test_a_root_makes_one_sigma_rms() -> None:
     assert np.sum(made**2) / ROWS == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_noise_of_any_scale_makes_students_density() -> None:
     """The density that all else is compared with, against the integral over s^2."""
     matrix, values = drawn(4)
@@ -125,12 +126,10 @@ def ranged(values: np.ndarray, without: np.ndarray, column: np.ndarray, low: flo
     return float(np.log(np.mean(inside) / np.mean(mass)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("geometry", [0, 2])
 @pytest.mark.parametrize("roots", [(), (0.3, 2.0), (-0.5,)])
 @pytest.mark.parametrize("known", [NU, OWN])
-@pytest.mark.slow_cases(
-    "5.0-roots0-2", "5.0-roots2-0", "5.0-roots2-2", "30.0-roots1-0", "30.0-roots1-2",
-    "5.0-roots0-0", "5.0-roots1-0", "5.0-roots1-2")
 def test_sign_and_range_are_those_of_the_integral_over_the_coefficient(
         geometry: int, roots: tuple[float, ...], known: float) -> None:
     matrix, values = drawn(3, effect=0.4)

@@ -67,10 +67,9 @@ def compared(asked: Question, within: float, most: int | None = None) -> None:
         assert said[family] == pytest.approx(own, abs=within)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sizes", [(), (0.4,), (0.6, 0.35), (2.0, 1.5, 0.35), (1.0, 1.0, 1.0, 0.3)])
 @pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.slow_cases(
-    "1-sizes0", "1-sizes1", "1-sizes2", "1-sizes3", "2-sizes1", "2-sizes2", "2-sizes3", "2-sizes4")
 def test_causes_unlike_each_other_are_as_likely_as_all_sets_say(
         sizes: tuple[float, ...], seed: int) -> None:
     matrix = np.random.default_rng(seed).normal(size=(ROWS * WIDTH, 7))

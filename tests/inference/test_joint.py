@@ -85,6 +85,7 @@ def test_two_blocks_are_as_likely_as_the_sum_over_their_sizes(
     assert joint(given, pair[::-1]).log_evidence == pytest.approx(found, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_three_blocks_are_as_likely_as_the_sum_over_their_sizes() -> None:
     rng = np.random.default_rng(5)
     matrix = rng.normal(size=(12, 3))

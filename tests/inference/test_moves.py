@@ -179,6 +179,7 @@ def test_joints_that_may_as_well_have_none_are_left_out() -> None:
     assert set(parted.chosen) == found(question) == {0, 2}
 
 
+@pytest.mark.slow
 def test_values_of_their_own_take_the_place_of_joints_by_themselves(without: Without) -> None:
     """Beside another cause, without which one value for all joints would be likelier."""
     question = joints(5, (2.0, 1.5, 1.5, 2.4, 1.2, 2.6), 1.0, 20.0)

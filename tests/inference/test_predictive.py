@@ -73,6 +73,7 @@ def test_what_was_not_measured_is_not_predicted() -> None:
     assert found.log_score == pytest.approx(without.log_score, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_errors_are_as_large_as_is_said() -> None:
     rng = np.random.default_rng(5)
     within = []

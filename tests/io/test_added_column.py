@@ -54,6 +54,7 @@ def made(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_the_column_has_its_values_and_its_unit(made):
     assert columns(made / "c" / "commands.csv")[-1] == "correction"
     for row in rows(made / "c" / "commands.csv"):
@@ -63,6 +64,7 @@ def test_the_column_has_its_values_and_its_unit(made):
     assert json.loads((made / "c" / "commands.json").read_text())["units"]["correction"] == "mm"
 
 
+@pytest.mark.slow
 def test_the_sentence_is_on_the_console_in_the_file_and_on_the_page(made):
     said = "the bench was moved"
     assert said in " ".join((made / "compensate.txt").read_text().split())

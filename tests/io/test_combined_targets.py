@@ -63,6 +63,7 @@ def test_marks_are_poses_as_good_as_their_covariance_says(tmp_path: Path, form: 
     np.testing.assert_allclose(data.q, 1e-3 * seen.q, rtol=1e-15)
 
 
+@pytest.mark.slow
 def test_a_fit_of_the_poses_is_the_fit_of_the_marks(tmp_path: Path) -> None:
     """What marks of known places tell of a pose is all in the pose and its covariance."""
     path = given(wide(tmp_path, measured(6, rows=30), joint=0.02))
@@ -123,6 +124,7 @@ def test_rows_with_one_mark_are_left_empty_and_named(tmp_path: Path) -> None:
     assert data.sigma_position[2, 0] > data.sigma_position[1, 0]
 
 
+@pytest.mark.slow
 def test_marks_that_identification_found_are_known(tmp_path: Path) -> None:
     seen = measured(8, rows=40)
     path = wide(tmp_path, seen)
@@ -183,6 +185,7 @@ def in_space(folder: Path, points: dict[str, list[float]], expect: int) -> str:
     return " ".join((run.out + run.err).split())
 
 
+@pytest.mark.slow
 def test_a_trackers_targets_on_a_hexapod_are_poses_of_six_coordinates(tmp_path: Path) -> None:
     """They leave of the targets what the tracker's noise is, and are read as they were written."""
     in_space(tmp_path, {"T1": [120, 20, 40], "T2": [-60, 110, 45], "T3": [-70, -100, 30]}, 0)

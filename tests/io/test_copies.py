@@ -366,6 +366,7 @@ def other_rows(bench, folder, seed, count):
     return rows(folder / "other" / "measurements.csv")[:count]
 
 
+@pytest.mark.slow_cases("dict-mm")
 @pytest.mark.parametrize(("change", "units"), COPIES)
 def test_a_copy_is_not_carried_on(bench, calibrated, tmp_path, change, units):
     path = copy_of(bench, measured(bench), "kept", change, units)

@@ -36,6 +36,7 @@ def test_three_points_are_origin_axis_and_plane():
             np.zeros(6), abs=1e-12)
 
 
+@pytest.mark.slow
 def test_the_covariance_is_that_of_frames_drawn():
     """By first order: as many draws as tell a standard deviation to two per cent."""
     generator = np.random.default_rng(SEED)
@@ -88,6 +89,7 @@ def promise(folder, name, frame, target=TARGET):
     return rows(folder / f"c_{name}" / "commands.csv"), record, " ".join(done.out.split())
 
 
+@pytest.mark.slow
 def test_a_promise_in_base_axes_says_what_is_the_frames(bench):
     """Of points 1 m apart it is known by hand what they leave of a target."""
     _, record, said = promise(bench, "points", {"points": POINTS, "sigma": SIGMA})
@@ -103,6 +105,7 @@ def test_a_promise_in_base_axes_says_what_is_the_frames(bench):
     assert f"{size['frame']:.4g} mm" in said and "as defined by two points of points" in said
 
 
+@pytest.mark.slow
 def test_in_the_measuring_frame_the_definition_does_not_count(bench):
     """The fit takes the points' error for a motion of the base, which comes back there."""
     (bench / "seen.csv").write_text("x,y,rz\n410,440,35\n420,450,36\n", encoding="utf-8")
@@ -125,6 +128,7 @@ def test_in_the_measuring_frame_the_definition_does_not_count(bench):
     assert apart(base, base_moved) > 0.5 * shift
 
 
+@pytest.mark.slow
 def test_the_first_pose_is_right_in_its_own_frame(bench):
     """The nominal machine has no error there, whatever it is in truth, and only noise is left."""
     mechanism = read_mechanism(bench / "m.yaml")

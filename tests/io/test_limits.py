@@ -73,8 +73,8 @@ def test_a_table_that_is_too_large(name):
     refused(table(text), *said)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("session", ["", ",monday"], ids=["numbers", "words"])
-@pytest.mark.slow_cases("words")
 def test_one_word_among_many_rows(session):
     text = HEAD + (",session" if session else "") + "\n"
     text += ROW.replace("\n", session + "\n") * 400_000

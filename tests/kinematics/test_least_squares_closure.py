@@ -73,6 +73,7 @@ def test_joints_that_contradict_each_other_give_least_squares(model):
         assert np.sum(at(np.zeros(len(mechanism.dof))) ** 2) < np.sum(best.fun ** 2) * (1 + 1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cable-8", "cable-8-pulleys"])
 def test_ropes_that_contradict_each_other_on_the_way_are_led_by_six(name, tmp_path, monkeypatch):
     """Far from home, by a drawing that is off by its tolerances: all eight at once lose their way.

@@ -35,8 +35,8 @@ def case(folder, tree, values):
     return mechanism, q, reached_poses(Model(mechanism), q, rows).closed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tree", [cables, belts, stewart], ids=lambda t: t.__name__)
-@pytest.mark.slow_cases("stewart")
 def test_the_pose_is_that_of_the_least_energy(tree, tmp_path):
     """By distances alone: springs of the drives, and the weight's potential."""
     tree = tree()

@@ -128,6 +128,7 @@ def test_the_nearest_pose_is_the_same_of_a_small_and_of_a_large_machine(tmp_path
     np.testing.assert_allclose(told[1], told[0], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_rates_scatter_as_they_say():
     machine = loaded("3-RPR")
     found = ppmcal.velocity(machine, {
@@ -159,6 +160,7 @@ def calibrated(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_a_calibrated_machine_is_as_sure_as_compensate_says(calibrated):
     """The same joints in the same frame: the same standard deviation, from the whole covariance."""
     (calibrated / "t.csv").write_text("x,y,rz\n510,290,30\n540,260,27\n")
@@ -178,6 +180,7 @@ def test_a_calibrated_machine_is_as_sure_as_compensate_says(calibrated):
     assert any(p.endswith("identification.json") for p in told["provenance"]["inputs"])
 
 
+@pytest.mark.slow
 def test_the_base_frame_is_less_sure_than_the_measured_one(calibrated):
     """Offsets and an unknown frame stand in for each other."""
     table = {"q_leg1": [450.0], "q_leg2": [330.0], "q_leg3": [340.0]}
@@ -191,6 +194,7 @@ def test_the_base_frame_is_less_sure_than_the_measured_one(calibrated):
     assert np.isfinite(found.sure.columns["sigma_position"]).all()
 
 
+@pytest.mark.slow
 def test_a_nominal_file_says_what_its_tolerances_allow(calibrated):
     """No column is called sigma; a stray identification.json beside it does not change that."""
     (calibrated / "i" / "nominal.yaml").write_bytes((calibrated / "m.yaml").read_bytes())

@@ -375,6 +375,7 @@ def test_open_coordinates_of_the_tool_are_filled_in(tmp_path, rotation):
     np.testing.assert_allclose(read(tmp_path / "f" / "kinematics.csv", names), found, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_velocity_of_a_planar_tool_through_files(tmp_path):
     (tmp_path / "m.yaml").write_text(machines.plain_text("R(P)R"))
     step = 1e-4

@@ -32,6 +32,7 @@ def page(tmp_path_factory):
     return to_html(collect([folder / n for n in "sidck"]))
 
 
+@pytest.mark.slow
 def test_every_axis_of_a_page_has_its_unit(page):
     found = {}
     for spec in specs(page).values():

@@ -163,6 +163,7 @@ def known(cases: Callable[[str], Case]) -> Known:
     return Known(before, *joint_errors(fit, fit.keep[0]))
 
 
+@pytest.mark.slow
 def test_joint_errors(cases: Callable[[str], Case], known: Known) -> None:
     case = cases("named")
     stage = case.result.found.last
@@ -181,6 +182,7 @@ def test_joint_errors(cases: Callable[[str], Case], known: Known) -> None:
         assert entry["rms_after"] == pytest.approx(entry["noise"], rel=0.2)
 
 
+@pytest.mark.slow
 def test_errors_against_the_direction(cases: Callable[[str], Case], known: Known) -> None:
     """Means and 95 % intervals of each joint's error from each side."""
     case = cases("named")
@@ -202,6 +204,7 @@ def test_errors_against_the_direction(cases: Callable[[str], Case], known: Known
         assert np.sign(series["before"][n]) == (1.0 if sign == "+" else -1.0)
 
 
+@pytest.mark.slow
 def test_errors_against_the_temperature(cases: Callable[[str], Case], known: Known) -> None:
     case = cases("named")
     series = next(s for s in case.plot_data["series"] if s["input"] == "temperature")
@@ -232,6 +235,7 @@ def white_ratio(fit: Fit) -> float:
     return math.sqrt(total / (count - len(fit.problem.columns)))
 
 
+@pytest.mark.slow
 def test_gap_from_start_to_noise(cases: Callable[[str], Case]) -> None:
     """Every model of the gap fitted as such: nominal, geometry, one effect more each time."""
     case = cases("named")
@@ -307,6 +311,7 @@ def test_words_have_room(cases: Callable[[str], Case], verdict: str) -> None:
                     assert not box.meets(other), (picture.title, box, other)
 
 
+@pytest.mark.slow
 def test_gap_picture(cases: Callable[[str], Case]) -> None:
     """Bars end where the logarithm of their ratio is, the line at the noise."""
     case = cases("named")
@@ -336,6 +341,7 @@ def test_gap_picture(cases: Callable[[str], Case]) -> None:
         assert len(shown.replace(".", "").lstrip("0")) <= len("999 ×")    # three digits
 
 
+@pytest.mark.slow
 def test_actuators_picture(cases: Callable[[str], Case]) -> None:
     case = cases("named")
     root, rows = case.drawing("actuators"), case.plot_data["actuators"]
@@ -351,6 +357,7 @@ def test_actuators_picture(cases: Callable[[str], Case]) -> None:
             } <= set(words)
 
 
+@pytest.mark.slow
 def test_inputs_picture(cases: Callable[[str], Case]) -> None:
     """A ring for each mean before, a disc for each after, axes with units."""
     case = cases("named")

@@ -46,8 +46,9 @@ def scene_in(page):
     return scenes_in(page)[0]
 
 
+@pytest.mark.slow_cases(
+    "6-PUS", "6-RUS", "cable-8-pulleys", "delta-linear-6rods", "delta-rotary-6rods")
 @pytest.mark.parametrize("name", [*CONFIGS, *KINDS])
-@pytest.mark.slow_cases("6-PUS", "6-RUS", "cable-8-pulleys")
 def test_every_machine_is_drawn_with_all_its_limbs(name):
     machine = config(name) if name in CONFIGS else plain(name)
     scene = scene_of(name)

@@ -56,6 +56,7 @@ def overflow(page):
     return page.evaluate("document.documentElement.scrollWidth - innerWidth")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["6-UPS", "3-RRR-1", "delta-linear", "3-RPS"])
 @pytest.mark.parametrize("width, dark", [(1280, False), (390, True)])
 def test_a_page_of_check_is_drawn(browser, tmp_path, name, width, dark):
@@ -83,6 +84,7 @@ def test_a_page_of_check_is_drawn(browser, tmp_path, name, width, dark):
     page.close()
 
 
+@pytest.mark.slow
 def test_a_home_out_of_reach_is_drawn_open(browser, tmp_path):
     text = (ROOT / "configs/3-RRR-1.yaml").read_text().replace("distal: 220", "distal: 20", 1)
     (tmp_path / "far.yaml").write_text(text)
@@ -111,6 +113,7 @@ def report(request, tmp_path_factory):
     return folder / "report/report.html", 3 if request.param == "3-RPR" else 6
 
 
+@pytest.mark.slow
 def test_the_report_draws_each_machine_and_links_its_rows(browser, report):
     path, limbs = report
     page = browser.open(path)
@@ -153,6 +156,7 @@ def test_the_report_draws_each_machine_and_links_its_rows(browser, report):
     page.close()
 
 
+@pytest.mark.slow
 def test_the_errors_switch_between_before_and_after(browser, report):
     path, _ = report
     page = browser.open(path, width=390, dark=True)
@@ -171,6 +175,7 @@ def test_the_errors_switch_between_before_and_after(browser, report):
     page.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["6-UPS", "3-RRR-1"])
 def test_a_dark_drawing_is_printed_on_a_light_ground(browser, tmp_path, name):
     from PIL import Image

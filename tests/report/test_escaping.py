@@ -81,6 +81,7 @@ def test_the_report_shows_names_as_text(desk: Path) -> None:
     assert "&lt;script&gt;alert(1)" in page
 
 
+@pytest.mark.slow
 def test_the_drawing_shows_names_as_text(desk: Path) -> None:
     ppmcal("check", "mine.yaml", FILE, "--draw", "machine.html", cwd=desk)
     page = (desk / "machine.html").read_text()

@@ -73,6 +73,7 @@ def test_a_good_path_has_nothing_marked():
     assert "Not moving: rz." in found["pose"][0].caption
 
 
+@pytest.mark.slow_cases("-None")
 @pytest.mark.parametrize(("header", "values"), [("", None), ("t", "words"), ("time", "falling")])
 def test_without_times_that_go_up_rows_take_their_place(header, values):
     path = spiral()

@@ -57,6 +57,7 @@ def scene_of(html):
     return json.loads(re.search(r'class="scene">(.*?)</script>', html, re.S)[1])
 
 
+@pytest.mark.slow
 def test_points_and_errors_are_the_measured_ones_in_the_base_frame(folder, monkeypatch):
     monkeypatch.chdir(folder)
     one, machine = rows_of(folder), read_mechanism(folder / "fit/identified.yaml")
@@ -83,6 +84,7 @@ def test_points_and_errors_are_the_measured_ones_in_the_base_frame(folder, monke
     assert [m["name"] for m in scene["machines"]] == ["nominal", "identified"]
 
 
+@pytest.mark.slow
 def test_without_its_file_the_machine_has_no_points_and_says_why(folder, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copytree(folder / "fit", tmp_path / "fit")
@@ -100,6 +102,7 @@ def test_without_its_file_the_machine_has_no_points_and_says_why(folder, tmp_pat
     assert machine_section(only(tmp_path), 0) == ""
 
 
+@pytest.mark.slow
 def test_many_rows_are_thinned_and_said(folder, monkeypatch):
     monkeypatch.chdir(folder)
     one, machine = rows_of(folder), read_mechanism(folder / "fit/identified.yaml")

@@ -156,6 +156,7 @@ def test_a_change_of_several_numbers_has_a_row_each(tmp_path: Path) -> None:
     assert "scatter 2 times what the files state in the old calibration and 2.1 times" in text
 
 
+@pytest.mark.slow
 def test_csv_alone_is_enough(folders: Path, tmp_path: Path) -> None:
     shutil.copy(folders / "cmp" / "compare.csv", tmp_path)
     html, _ = page(tmp_path)
@@ -172,6 +173,7 @@ def test_one_file_in_both_is_told(folders: Path, tmp_path: Path) -> None:
     assert "nothing has changed" in text and "is in both calibrations" in text
 
 
+@pytest.mark.slow
 def test_export(folders: Path) -> None:
     html, text = page(folders / "lean")
     found = record(folders / "lean", "export.json")
@@ -193,6 +195,7 @@ def test_export(folders: Path) -> None:
     assert all(n[1:].rstrip(".") in text for n in (*found["notes"], *found["advice"]))
 
 
+@pytest.mark.slow
 def test_export_without_numbers(folders: Path) -> None:
     html, text = page(folders / "grid")
     gain = record(folders / "grid", "export.json")["gain"]
@@ -202,6 +205,7 @@ def test_export_without_numbers(folders: Path) -> None:
     assert "Nothing needs a closer look" in text
 
 
+@pytest.mark.slow
 def test_worse_numbers_are_told(folders: Path, tmp_path: Path) -> None:
     found = record(folders / "grid", "export.json")
     found["gain"]["before"], found["gain"]["after"] = (found["gain"][s]
@@ -210,6 +214,7 @@ def test_worse_numbers_are_told(folders: Path, tmp_path: Path) -> None:
     assert "the new pose grid numbers are worse than the old ones" in page(tmp_path)[1]
 
 
+@pytest.mark.slow
 def test_touches_alone_say_how_well_the_size_is_known_whatever_was_held(folders: Path) -> None:
     """What predicts touches best holds the rods, which does not make a length of a drawing exact.
     """
@@ -271,6 +276,7 @@ def test_rows_that_do_not_belong(folders: Path) -> None:
     assert "Gross errors" in text
 
 
+@pytest.mark.slow
 def test_moved_zeros_unchecked_rows_and_flats(folders: Path, tmp_path: Path) -> None:
     found = record(folders / "touches", "identification.json")
     found["gross_errors"] |= {

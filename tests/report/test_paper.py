@@ -163,6 +163,7 @@ def test_names_captions_and_only(desk: Path) -> None:
                             "fit2-parameters.md", "captions.md", "captions.tex"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("words", "told", "hint"), [
     (("--width", "84"), "", ""),
     (("--width", "8.4cm"), "", ""),
@@ -220,6 +221,7 @@ def markdown(path: Path) -> list[list[str]]:
             not line.startswith("| ---")]
 
 
+@pytest.mark.slow
 def test_tables_have_the_numbers_of_the_csv_with_the_decimals_of_their_intervals(
         desk: Path) -> None:
     found = figures(desk, "fit1", "--only", "tables")

@@ -89,6 +89,7 @@ def keys_of(html, title="Residual of x by row, after"):
     return next(t["customdata"] for t in data if "customdata" in t)
 
 
+@pytest.mark.slow
 def test_all_plots_are_drawn_without_an_error(browser, html):
     page = opened(browser, html)
     total = page.evaluate("document.querySelectorAll('figure.plot').length")
@@ -104,6 +105,7 @@ def test_all_plots_are_drawn_without_an_error(browser, html):
     page.close()
 
 
+@pytest.mark.slow
 def test_pointing_at_a_row_tells_it_with_its_unit(browser, html):
     page = opened(browser, html)
     key = keys_of(html)[7]
@@ -115,6 +117,7 @@ def test_pointing_at_a_row_tells_it_with_its_unit(browser, html):
     page.close()
 
 
+@pytest.mark.slow
 def test_rows_are_lit_in_all_plots_and_escape_puts_them_out(browser, html):
     page = opened(browser, html)
     keys = keys_of(html)[3:5]
@@ -138,6 +141,7 @@ def test_rows_are_lit_in_all_plots_and_escape_puts_them_out(browser, html):
     page.close()
 
 
+@pytest.mark.slow
 def test_a_click_and_a_box_say_which_rows(browser, html):
     page = opened(browser, html)
     page.evaluate(LISTEN)
@@ -165,6 +169,7 @@ def test_a_click_and_a_box_say_which_rows(browser, html):
     page.close()
 
 
+@pytest.mark.slow
 def test_keys_go_from_point_to_point(browser, html):
     page = opened(browser, html)
     page.evaluate(LISTEN)
@@ -188,6 +193,7 @@ def colours(page, selector):
           b(getComputedStyle(e.querySelector('.xtitle')).fill)]; }})()""")
 
 
+@pytest.mark.slow
 def test_dark_is_dark_and_follows_a_change(browser, html):
     page = opened(browser, html, dark=True)
     drawn(page, X)
@@ -203,6 +209,7 @@ def test_dark_is_dark_and_follows_a_change(browser, html):
     page.close()
 
 
+@pytest.mark.slow
 def test_paper_has_all_plots_in_light_colours(browser, html, tmp_path):
     page = opened(browser, html, dark=True)
     total = page.evaluate("document.querySelectorAll('figure.plot').length")
@@ -220,6 +227,7 @@ def test_paper_has_all_plots_in_light_colours(browser, html, tmp_path):
     page.close()
 
 
+@pytest.mark.slow
 def test_a_plot_follows_the_width_of_the_window(browser, html):
     page = opened(browser, html)
     drawn(page, X)
@@ -242,6 +250,7 @@ def long_html(tmp_path_factory):
     return page
 
 
+@pytest.mark.slow
 def test_a_row_that_is_thinned_away_is_drawn_when_it_is_chosen(browser, long_html):
     title = "Residual of x by row, after"
     drawn_keys = set(keys_of(long_html, title))
@@ -269,6 +278,7 @@ def test_a_row_that_is_thinned_away_is_drawn_when_it_is_chosen(browser, long_htm
     page.close()
 
 
+@pytest.mark.slow
 def test_a_chosen_row_without_a_point_is_said_to_have_none(browser, long_html):
     page = opened(browser, long_html)
     drawn(page, X)
