@@ -40,6 +40,7 @@ def test_layers_are_those_that_imports_are_held_to():
     assert picture == next(c["layers"] for c in contracts if c["type"] == "layers")
 
 
+@pytest.mark.slow
 def test_rooms_of_calibration_are_entered_by_their_doors():
     """Outside of a room nobody knows its modules."""
     rooms = {p.name for p in (PACKAGE / "calibration").iterdir() if (p / "__init__.py").exists()}

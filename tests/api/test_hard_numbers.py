@@ -209,6 +209,7 @@ def unlimited(bench):
     return model, seen
 
 
+@pytest.mark.slow_cases("0.0-near a singularity")
 @pytest.mark.parametrize(("rz", "why"), [
     (0.0, "near a singularity"), (1e-9, "near a singularity"), (0.1, "near a singularity"),
     (179.999, "near a singularity"), (180.0, "near a singularity"), (-180.0, "near a singularity"),
@@ -286,10 +287,10 @@ def test_a_measuring_frame_half_a_turn_away(bench, identified, turn):
     assert sent[1] == pytest.approx(sent[0], rel=1e-9)
 
 
+@pytest.mark.slow_cases("identify-one", "identify-two")
 @pytest.mark.parametrize("name", ["one", "two", "copies"])
 @pytest.mark.parametrize("command", ["identify", "validate",
                                      pytest.param("diagnose", marks=pytest.mark.slow)])
-@pytest.mark.slow_cases("identify-one")
 def test_rows_that_are_too_few(bench, identified, command, name):
     rows = {"one": [0], "two": [0, 1], "copies": [0] * 9}[name]
     few = {c: v[rows] for c, v in bench[1].items()}

@@ -56,9 +56,9 @@ def test_six_positions_are_a_validation():
     assert found.record.datasets
 
 
+@pytest.mark.slow_cases("False-0.01-0", "False-1.0-1")
 @pytest.mark.parametrize(("noise", "told"), [(0.01, 0), (1.0, 1)])
 @pytest.mark.parametrize("marked", [True, False])
-@pytest.mark.slow_cases("False-0.01-0")
 def test_what_does_not_fit_is_not_silently_noise(noise, told, marked):
     """An estimate takes all that is left for noise: beyond what tolerances do, that is said."""
     data = campaign("3-RPR", "position", 12, noise, sigma={"estimated": marked})

@@ -81,7 +81,7 @@ def checked(desk: Path, *words: object, code: int, cwd: Path | None = None):
     return found["runs"]
 
 
-@pytest.mark.slow_cases("imported", "identified", "kin", "may")
+@pytest.mark.slow
 @pytest.mark.long_cases(
     "certify-of-desk", "compared", "diagnosed", "figures-of-desk", "identified-may", "plan",
     "reported", "stiffness", "tol", "validated", "ws")
@@ -111,6 +111,7 @@ def test_the_folders_of_the_demo(tmp_path_factory: pytest.TempPathFactory) -> No
     assert set(read_record(demo / "demo-results" / "diagnosed").runs) == {"diagnose"}
 
 
+@pytest.mark.slow
 def test_the_record_names_all_that_decides_a_result(desk: Path) -> None:
     source = json.loads((desk / "identified" / "identification.json").read_text())["provenance"]
     assert set(source["inputs"]) == {"stiff.yaml", "mine.yaml", "run1.csv", "run1.yaml"}
@@ -203,6 +204,7 @@ def test_from_another_folder_and_after_a_move(desk: Path, tmp_path: Path) -> Non
     checked(own, tmp_path / "archived", "--inputs", own, code=0, cwd=tmp_path)
 
 
+@pytest.mark.slow
 def test_absolute_paths_that_are_gone(desk: Path, tmp_path: Path) -> None:
     own = copied(desk, tmp_path)
     ppmcal("kinematics", "inverse", own / "mine.yaml", own / "poses.csv", "--out", own / "k", "-q",
@@ -221,6 +223,7 @@ def test_without_the_hidden_record(desk: Path, tmp_path: Path) -> None:
     assert len(run["files"]) == 4
 
 
+@pytest.mark.slow
 def test_results_of_python(desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     own = copied(desk, tmp_path)
     monkeypatch.chdir(own)
@@ -278,6 +281,7 @@ def forged(folder: Path, **changes: object) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("function", [
     "os.system", "subprocess.run", "inputs.load", "result.Result", "verify.verify", "identify", "",
     "identify.identify.__wrapped__", "../cli.main", "campaign.run_campaign", "identify.Path"])
@@ -288,6 +292,7 @@ def test_only_ppmcal_s_own_commands_are_run(desk: Path, tmp_path: Path, function
     assert run["status"] == "no record"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("changes", "status", "code"), [
     ({"options": {"mechanism": "mine.yaml", "shell": "rm -rf ."}}, "failed", 3),
     ({"options": {"which": "inverse", "mechanism": ["a"], "table": {"b": 1}}}, "failed", 3),
@@ -307,6 +312,7 @@ def test_made_up_options_end_in_a_sentence(desk: Path, tmp_path: Path, changes: 
     assert "Traceback" not in said.err + said.out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("option", ["scheduler", "cores", "progress"])
 def test_a_record_does_not_say_where_to_compute(desk: Path, tmp_path: Path, option: str) -> None:
     """A scheduler sends back what Python takes for objects, and builds."""

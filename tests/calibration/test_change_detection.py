@@ -71,6 +71,7 @@ def test_carrying_on_is_fitting_everything_at_once(name: str) -> None:
     assert np.mean(sigmas(step) / sigmas(alone)) < 0.9
 
 
+@pytest.mark.slow
 def test_carrying_on_without_tolerances() -> None:
     """With a flat prior only what the old data saw is kept."""
     mechanism, rng = machine("3-RPR"), np.random.default_rng(6)

@@ -23,6 +23,9 @@ from ppmcal.model.registration import Registration
 
 COUNT, JOINT, PLACE, TURN = 43, 2e-4, 1e-4, 5e-4
 
+# on a new machine each of these compiles for seconds
+pytestmark = pytest.mark.slow
+
 
 def over_pulleys(name):
     """Return the file of a machine on ropes over pulleys.
@@ -110,7 +113,6 @@ def both(monkeypatch, work):
     return plain, work()
 
 
-@pytest.mark.slow_cases("legs alone", "legs, position", "pulleys alone", "pulleys, pose")
 @pytest.mark.long_cases("cables, pose")
 def test_sums_are_those_of_numpy(bench, monkeypatch):
     problem, state, keep, weights = bench

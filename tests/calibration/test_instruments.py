@@ -104,6 +104,7 @@ def test_what_is_promised_is_kept(name: str, kind: str) -> None:
     assert 0.8 < np.sqrt(np.mean(away**2)) < 1.2
 
 
+@pytest.mark.slow
 def test_heights_alone_cannot_fix_scale() -> None:
     """Rods and radius of a delta grow together unseen; one distance settles it."""
     problem, g = session("delta-linear", "plane", 80, 9, SIGMA, unknown=False)

@@ -65,6 +65,7 @@ def test_it_is_the_fit_with_the_noise_that_the_residuals_show() -> None:
     assert np.sqrt(np.diagonal(result.covariance)) == pytest.approx(wanted, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_what_is_written_says_the_same(tmp_path: Path) -> None:
     """compensate, compare and --keep read one covariance out of identification.json."""
     result = found(TIMES)

@@ -116,6 +116,7 @@ def case(name: str) -> tuple[Problem, State, list[np.ndarray], list[np.ndarray]]
     return problem, state, [keep], [np.linspace(0.5, 1.0, COUNT)]
 
 
+@pytest.mark.slow_cases("pose, cranks, frame known")
 @pytest.mark.long_cases("pose, all open")
 @pytest.mark.parametrize("name", CASES)
 def test_rows_in_pieces_are_those_of_the_whole(name: str) -> None:

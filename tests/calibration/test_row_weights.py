@@ -75,6 +75,7 @@ def test_a_weight_is_a_larger_noise_of_the_row(campaign: tuple[Problem, Fit]) ->
     assert residual_freedom(ends[0]) == pytest.approx(3.0 * weight.sum() - values_taken(ends[1]))
 
 
+@pytest.mark.slow
 def test_compiled_rows_have_the_weights_of_those_of_numpy(campaign: tuple[Problem, Fit]) -> None:
     problem, fit = campaign
     many = np.tile(np.arange(len(problem.datasets[0])), 2 * MANY)[:2 * MANY]

@@ -262,6 +262,7 @@ def test_not_converged_is_3_and_leaves_nothing(bench):
     assert tree(bench) == before
 
 
+@pytest.mark.slow
 def test_redundancy_alone_is_0(bench):
     found = json.loads((bench / "i" / "identification.json").read_text())
     assert found["redundant"]
@@ -376,8 +377,8 @@ def test_parameters_columns(campaigns, motion):
     assert columns(campaigns(motion) / "i" / "parameters.csv") == PARAMETERS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motion", MACHINES)
-@pytest.mark.slow_cases("spatial")
 def test_numbers_have_17_digits(campaigns, motion):
     folder = campaigns(motion)
     for row in rows(folder / "i" / "parameters.csv"):
@@ -388,6 +389,7 @@ def test_numbers_have_17_digits(campaigns, motion):
         assert written[row["name"]] == pytest.approx(found, rel=1e-15, abs=1e-300)
 
 
+@pytest.mark.slow_cases("spatial")
 @pytest.mark.parametrize("motion", MACHINES)
 def test_identification_json(campaigns, motion):
     folder = campaigns(motion)

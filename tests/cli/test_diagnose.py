@@ -611,8 +611,8 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
     "a direction of 5": (["m.yaml", "s/bad.csv"], ["bad.csv", "row 4", "dir_leg1", "1"])}
 
 
+@pytest.mark.slow_cases("unknown kind", "no such file")
 @pytest.mark.parametrize("case", BAD)
-@pytest.mark.slow_cases("unknown kind")
 def test_bad_input(made: Callable[[str], Path], tmp_path: Path, case: str) -> None:
     """One message that names file, place and hint; nothing is written."""
     folder = shutil.copytree(made("none"), tmp_path / "c")

@@ -22,11 +22,7 @@ def bare(tmp_path_factory):
     return folder
 
 
-@pytest.mark.slow_cases(
-    "identify m.yaml simulated/measurements.csv", "validate m.yaml simulated/measurements.csv",
-    "tolerances m.yaml --accuracy 1 --machines 20",
-    "workspace m.yaml --grid x=450:550:3,y=240:340:3",
-    "diagnose m.yaml simulated/measurements.csv --kind backlash", "plan m.yaml --count 6")
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [
     "identify m.yaml simulated/measurements.csv", "sensitivity m.yaml --home-only",
     "plan m.yaml --count 6", "tolerances m.yaml --accuracy 1 --machines 20",

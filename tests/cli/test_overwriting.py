@@ -34,14 +34,10 @@ FILES = {
 """Those that write single files, in a way that would replace what is there."""
 TWO = {name for name in names() if command(name).replace != "--force"}
 """Those that lift a refusal too, with --regardless: what replaces files is --overwrite there."""
-SLOW = {"tolerances", "workspace", "plan", "diagnose", "demo", "batch", "validate", "compare",
-        "stiffness"}
 OUT = "demo-results"
 """Where each of them writes."""
 
-
-def slowly(names: object) -> list[object]:
-    return [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in list(names)]
+pytestmark = pytest.mark.slow
 
 
 def replacing(name: str) -> str:
@@ -95,7 +91,6 @@ def test_every_command_that_writes_single_files_is_tried() -> None:
     assert {*FILES} == {name for name in names() if command(name).files}
 
 
-@pytest.mark.slow_cases("import")
 @pytest.mark.parametrize("name", FOLDERS)
 def test_a_folder_with_other_work_is_refused(name: str, here: Path) -> None:
     (here / "mine").mkdir()
@@ -120,8 +115,7 @@ def test_a_folder_of_another_command_is_refused(name: str, here: Path) -> None:
 
 
 @pytest.mark.long_cases("certify", "demo", "figures", "plan", "compare")
-@pytest.mark.slow_cases("sensitivity", "import", "identify", "report")
-@pytest.mark.parametrize("name", slowly(FOLDERS))
+@pytest.mark.parametrize("name", FOLDERS)
 def test_a_command_replaces_its_own_results_and_takes_stale_ones_away(
         name: str, done: Callable[[str], tuple[int, Path]], tmp_path: Path,
         remembering: list[tuple[object, str, object]], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -150,9 +144,8 @@ def test_a_command_replaces_its_own_results_and_takes_stale_ones_away(
     assert (here / OUT / "notes.txt").read_text() == "mine"
 
 
-@pytest.mark.slow_cases("import", "identify", "sensitivity")
 @pytest.mark.long_cases("certify", "plan")
-@pytest.mark.parametrize("name", slowly(FOLDERS))
+@pytest.mark.parametrize("name", FOLDERS)
 def test_no_force_replaces_an_input(name: str, done: Callable[[str], tuple[int, Path]], here: Path
                                     ) -> None:
     """Every input stands in the folder of the results too, under each name that is written."""
@@ -191,7 +184,6 @@ def test_what_lifts_a_refusal_replaces_nothing(name: str, here: Path) -> None:
 
 
 @pytest.mark.parametrize("name", FILES)
-@pytest.mark.slow_cases("check")
 def test_single_files_do_not_replace_what_is_there(name: str, here: Path) -> None:
     before = tree(here)
     run = ppmcal(name, *shlex.split(FILES[name]), cwd=here, expect=2)
@@ -212,7 +204,6 @@ def test_the_data_of_a_run_is_no_place_for_its_results(here: Path) -> None:
     assert tree(here) == before
 
 
-@pytest.mark.slow
 def test_an_edited_machine_is_not_imported_over(here: Path) -> None:
     ppmcal("import", "klipper", "printer.cfg", cwd=here, expect=0)
     machine = here / "imported" / "machine.yaml"
@@ -240,7 +231,6 @@ main()
     "init 6-UPS --out new.yaml", "init 6-UPS --out mine.yaml --force",
     "check mine.yaml --draw machine.html", "import klipper printer.cfg --out o",
     "simulate mine.yaml mine.scenario.yaml --out may"])
-@pytest.mark.slow
 def test_a_file_that_cannot_be_written_to_its_end_leaves_nothing(line: str, here: Path) -> None:
     """As on a full disk: `init` left half a file."""
     before = tree(here)
@@ -266,10 +256,6 @@ def test_a_machine_that_another_extends_is_an_input(here: Path) -> None:
 @pytest.mark.parametrize("line", [
     "read log.csv --mechanism mine.yaml --sidecar run1.yaml --out {} --force",
     "identify mine.yaml log.csv --out {} --force"])
-@pytest.mark.slow_cases(
-    "identify mine.yaml log.csv --out {} --force-hard link",
-    "identify mine.yaml log.csv --out {} --force-symbolic link",
-    "identify mine.yaml log.csv --out {} --force-way round")
 def test_an_input_under_another_name_stays(line: str, alias: str, here: Path) -> None:
     shutil.copy(here / "run1.yaml", here / "log.yaml")
     other = here / "out" / "residuals.csv"

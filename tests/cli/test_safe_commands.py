@@ -25,8 +25,10 @@ seed: 5
 """
 TARGETS = "x,y,rz\n480,280,28\n490,285,29\n505,290,30\n520,300,32\n"
 
+pytestmark = pytest.mark.slow
 LINES = [["compensate", "MODEL", "targets.csv", "--frame", "base"],
          ["export", "grid", "MODEL"], ["export", "joints", "MODEL"]]
+
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -47,7 +49,6 @@ def block(path: Path) -> dict[str, object]:
     return found
 
 
-@pytest.mark.slow
 def test_a_model_file_says_how_well_it_fits_and_what_was_measured(bench: Path) -> None:
     good, bad = (block(bench / n / "identified.yaml") for n in ("good", "bad"))
     noise = json.loads((bench / "bad/identification.json").read_text())["noise"]
@@ -65,7 +66,6 @@ def test_a_model_file_says_how_well_it_fits_and_what_was_measured(bench: Path) -
 
 @pytest.mark.parametrize("line", LINES)
 @pytest.mark.parametrize("copied", [False, True], ids=["folder", "yaml alone"])
-@pytest.mark.slow_cases("folder-line1", "folder-line2", "yaml alone-line1")
 def test_a_model_that_misses_its_data_is_refused_with_exit_3(bench: Path, tmp_path: Path,
                                                              line: list[str], copied: bool) -> None:
     model = bench / "bad"
@@ -112,8 +112,6 @@ def unfinished(bench: Path) -> Path:
     return bench / "unfinished"
 
 
-@pytest.mark.slow_cases(
-    "folder-line1", "folder-line2", "older folder-line1", "older folder-line2", "yaml alone-line1")
 @pytest.mark.parametrize("line", LINES)
 @pytest.mark.parametrize("known_by", ["folder", "yaml alone", "older folder"])
 def test_a_model_whose_fit_had_not_converged_is_refused_with_exit_3(
@@ -138,7 +136,6 @@ def test_a_model_whose_fit_had_not_converged_is_refused_with_exit_3(
 
 
 @pytest.mark.parametrize(("more", "code"), [([], 0), (["--iterations", "2"], 3)])
-@pytest.mark.slow
 def test_a_damped_fit_is_taken_that_ended_at_the_noise(bench: Path, tmp_path: Path,
                                                        more: list[str], code: int) -> None:
     run = ppmcal("identify", "m.yaml", "s_good/measurements.csv", "--method", "damped", *more,
@@ -148,7 +145,6 @@ def test_a_damped_fit_is_taken_that_ended_at_the_noise(bench: Path, tmp_path: Pa
            tmp_path / "o", cwd=bench, expect=code)
 
 
-@pytest.mark.slow
 def test_noise_that_was_stated_too_small_is_mended_as_the_message_says(bench: Path, tmp_path: Path
                                                                       ) -> None:
     ppmcal("identify", "m.yaml", "s_bad/measurements.csv", "--sigma", "estimated", "--out",
@@ -161,7 +157,6 @@ def test_noise_that_was_stated_too_small_is_mended_as_the_message_says(bench: Pa
             assert number(row, "sigma_position") < number(row, "error_position_before")
 
 
-@pytest.mark.slow
 def test_a_row_that_is_off_the_path_is_refused_and_the_path_goes_on(bench: Path, tmp_path: Path
                                                                    ) -> None:
     """Limits that a straight way leaves, though both its ends are inside."""

@@ -85,7 +85,7 @@ COMMANDS = {
 }
 
 
-@pytest.mark.slow_cases("tolerances", "workspace", "plan", "sensitivity", "compare")
+@pytest.mark.slow_cases("tolerances", "workspace", "plan", "sensitivity", "compare", "identify")
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_number_has_a_unit(campaign, name):
     out, words = COMMANDS[name]

@@ -304,6 +304,7 @@ def test_spatial_machines_are_searched(name):
                                                     np.sum(found.motors**2, 1), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_flat_hexapod_has_each_mode_mirrored_in_its_base():
     """Joints in one plane on either body: what closes above the base closes below it, mirrored."""
     found = assembly_modes(Model(read_mechanism(CONFIGS / "6-UPS.yaml")),

@@ -418,6 +418,7 @@ def test_moves_across_singularities_are_seen(name):
     assert moves(drawn, q[same], q[same]) == ("",) * same.size
 
 
+@pytest.mark.slow
 def test_route_is_short_and_keeps_blocks_together():
     found, drawn = pool("6-UPS"), machine("6-UPS").nominal()
     q = found.q[np.random.default_rng(0).permutation(len(found))[:20]]

@@ -73,6 +73,7 @@ def test_columns_that_are_asked_twice_are_the_same(monkeypatch: pytest.MonkeyPat
         assert np.array_equal(column, wanted[t])
 
 
+@pytest.mark.slow_cases("rope_stretch-delta-linear")
 @pytest.mark.parametrize("machine", ["3-RPR", "delta-linear"])
 @pytest.mark.parametrize("name", list(effect_kinds()))
 def test_a_kind_on_all_joints_is_the_sum_of_it_on_each(machine: str, name: str) -> None:

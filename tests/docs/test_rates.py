@@ -33,7 +33,10 @@ def block(page: str, name: str) -> str:
     return text.split(f"<!-- rates: {name} -->")[1].split("<!-- end of rates -->")[0]
 
 
-@pytest.mark.slow_cases("diagnosis-docs/diagnosis.md-rates", "plan-docs/plan.md-plan")
+@pytest.mark.slow_cases(
+    "diagnosis-docs/diagnosis.md-rates", "plan-docs/plan.md-plan",
+    "intervals-docs/campaigns.md-intervals",
+    "ropes-coverage-docs/without-instrument.md-ropes-coverage")
 @pytest.mark.parametrize(("study", "page", "name"), PLACES)
 def test_the_engine_has_not_changed_since_the_study(study, page, name):
     """``make rates`` with seeds that nobody has looked at; then list the old ones as looked at."""

@@ -395,6 +395,7 @@ WRITERS: dict[str, Callable[[Path], list[Path]]] = {
     "klipper": lambda f: [log(f / "log.csv", ""), klippy(f)]}
 
 
+@pytest.mark.slow_cases("db3")
 @pytest.mark.parametrize("form", WRITERS)
 def test_a_broken_file_is_read_or_refused(tmp_path: Path, form: str) -> None:
     """36 mutations of each: no traceback."""

@@ -256,6 +256,7 @@ plain_data = st.recursive(
                             st.dictionaries(words, inner, max_size=3)), max_leaves=8)
 
 
+@pytest.mark.slow
 @given(st.dictionaries(words, plain_data, min_size=1, max_size=4))
 @SETTINGS
 def test_yaml_reads_back_equal(tmp_path, tree):

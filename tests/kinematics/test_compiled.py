@@ -28,6 +28,8 @@ from ppmcal.model.limbs.driven import cut_at_drive
 from ppmcal.model.mechanism import Mechanism, joint_points
 from ppmcal.wording.progress import Watch, watching
 
+# on a new machine each of these compiles for seconds
+pytestmark = pytest.mark.slow
 COUNT = 37
 """Rows: no multiple of those that are made together."""
 
@@ -96,7 +98,6 @@ def numpy_columns(closure: Closure, pose: Array, by_pose: Array, asked: Sequence
 
 
 @every_machine
-@pytest.mark.slow_cases("R(P)R plain")
 def test_columns_are_those_of_the_matrices(name: str) -> None:
     mechanism, q, pose = rows_of(name)
     # wanted, an offset makes the joint's turn depend on the pose
@@ -311,7 +312,6 @@ def test_a_user_without_a_home_compiles_without_keeping(monkeypatch: pytest.Monk
         compilation._folder.cache_clear()
 
 
-@pytest.mark.slow
 def test_few_rows_and_help_do_not_import_the_compiler() -> None:
     code = ("import sys, numpy as np, ppmcal\n"
             "from ppmcal.kinematics.closure import Model\n"

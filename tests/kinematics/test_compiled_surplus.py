@@ -19,6 +19,8 @@ from ppmcal.kinematics.forward import (
 from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.tables import forward_table
 
+# on a new machine each of these compiles for seconds
+pytestmark = pytest.mark.slow
 COUNT = 37
 """Rows: fewer than go the compiled way, unless they are told to."""
 
@@ -79,7 +81,6 @@ def test_newton_ends_at_the_same_least_squares(rows, monkeypatch):
 
 
 @pytest.mark.long_cases("cables")
-@pytest.mark.slow_cases("cranks, some gap")
 def test_rows_from_home_come_to_the_same_poses(rows, monkeypatch):
     model, q, _ = rows
     plain, fast = both(monkeypatch, lambda: forward(model, q))
@@ -88,7 +89,6 @@ def test_rows_from_home_come_to_the_same_poses(rows, monkeypatch):
 
 
 @pytest.mark.long_cases("cables")
-@pytest.mark.slow_cases("cage", "pulleys")
 def test_rows_in_another_minimum_are_found_alike(rows, monkeypatch):
     model, q, there = rows
     off = there.copy()
@@ -137,7 +137,6 @@ def test_limbs_that_share_a_drive_have_no_compiled_form(tmp_path, monkeypatch):
     assert compiled_limbs.compiled_limbs(Model(mechanism).closure(q), COUNT) is None
 
 
-@pytest.mark.slow
 def test_far_rows_are_not_taken_for_beyond_a_singularity():
     """Eight cables: joints that move in proportion contradict each other between far-off poses.
 

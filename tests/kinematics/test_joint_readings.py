@@ -56,7 +56,7 @@ def value(model: Model, q: Array, pose: Array, at: str) -> Array:
 
 @pytest.mark.slow_cases(
     "(P)RR", "P(R)R", "(R)RP", "(P)RP", "(P)PR", "(R)US", "U(P)S base", "(P)US platform",
-    "(R)US base", "(R)US platform", "(P)US base", "(R)PR", "(R)RR", "R(P)R", "R(P)S")
+    "(R)US base", "(R)US platform", "(P)US base", "(R)PR", "(R)RR", "R(P)R", "R(P)S", "R(R)R")
 @pytest.mark.parametrize("name", MACHINES)
 def test_derivatives_are_those_of_differences(name: str) -> None:
     mechanism = MACHINES[name]

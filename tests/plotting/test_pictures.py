@@ -102,8 +102,8 @@ def test_bars_beyond_the_scale_end_at_it():
     assert wide[0] == wide[1] > 300.0 and wide[2:] == pytest.approx([0.8] * 3, abs=0.05)
 
 
+@pytest.mark.slow_cases("True-greek", "False-greek", "True-dollar")
 @pytest.mark.long_cases("False-long", "True-long")
-@pytest.mark.slow_cases("True-greek", "False-greek")
 @pytest.mark.parametrize("label", HOSTILE.values(), ids=HOSTILE)
 @pytest.mark.parametrize("beside", [False, True])
 def test_no_words_break_a_drawing(label, beside):

@@ -47,8 +47,8 @@ def with_gaps(name: str, seed: int, folder: Path) -> tuple[Machine, other.Geomet
     return machine, replace(geo, u_axis=axes[None], u_gap=gaps[None]), Model(read_mechanism(path))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SPATIAL)
-@pytest.mark.slow_cases("hexapod", "delta-linear", "crank-hexapod")
 def test_closure_and_kinematics_agree(name: str, tmp_path: Path) -> None:
     """At random poses, with joints that close and that do not; and the way back."""
     for seed in (1, 2):
