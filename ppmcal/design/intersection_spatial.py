@@ -20,13 +20,13 @@ meets, and the pose is that of three end points ([PPM] eq. 16-27).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations, product
+from itertools import combinations
 
 import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Closure
-from ppmcal.linalg import Array, finite_rows
+from ppmcal.linalg import Array, Ints, finite_rows
 from ppmcal.model.mechanism import Mechanism
 
 DEGREE = 8
@@ -139,12 +139,8 @@ def tripod_ends(closure: Closure) -> tuple[Array, Array]:
     circles = tripod_circles(closure, local)
     if circles is None:
         return np.zeros((0, 3, 3)), np.zeros((0, 3, 3))
-    found = []
-    for t, (i, j) in product(_roots(circles), product((0, 1), repeat=2)):
-        ends = _polished(circles, float(t), i, j)
-        if ends is not None:
-            found.append(ends)
-    ends = reach * np.array(found).reshape(-1, 3, 3)
+    t, i, j = (np.ravel(a) for a in np.meshgrid(_roots(circles), (0, 1), (0, 1), indexing="ij"))
+    ends = reach * _polished(circles, t, i.astype(int), j.astype(int))
     return ends, np.broadcast_to(local, ends.shape)
 
 
@@ -179,24 +175,28 @@ def _roots(circles: Circles) -> Array:
     return np.asarray(np.angle(z), dtype=float)
 
 
-def _polished(circles: Circles, t: float, i: int, j: int) -> Array | None:
-    """Return the end points (3, 3) where |B_2 B_3| is right, near an angle of B_1; None if not."""
-    def gap(at: float) -> tuple[float, Array]:
-        pair = circles.seconds(np.array([at]))[0]
-        two, three = pair[0, i], pair[1, j]
-        return float(_dot(two - three, two - three)) - circles.edges[2]**2, np.stack(
-            [circles.first(np.array([at]))[0], two, three])
+def _polished(circles: Circles, t: Array, i: Ints, j: Ints) -> Array:
+    """Return the end points (n, 3, 3) where |B_2 B_3| is right, near angles of B_1 (M,).
 
-    before, (c0, _) = t, gap(t)
-    at = t + 1e-7
-    c, ends = gap(at)
-    if not np.isfinite([c0, c]).all() or abs(c0) > 1e-2:
-        return None
+    ``i``, ``j``: which B_2 and which B_3 go with each (M,). By secants; one that leads nowhere
+    is left out.
+    """
+    def gaps(at: Array, which: Ints) -> tuple[Array, Array]:
+        pair, row = circles.seconds(at), np.arange(len(at))
+        two, three = pair[row, 0, i[which]], pair[row, 1, j[which]]
+        return (_dot(two - three, two - three) - circles.edges[2]**2,
+                np.stack([circles.first(at), two, three], axis=1))
+
+    before, at = t.copy(), t + 1e-7
+    c0, _ = gaps(before, np.arange(len(t)))
+    c, ends = gaps(at, np.arange(len(t)))
+    sound = np.isfinite(c0) & np.isfinite(c) & (np.abs(c0) <= 1e-2)
     for _ in range(POLISHED):
-        if c == c0:
+        go = np.flatnonzero(sound & (c != c0))
+        if not go.size:
             break
-        before, at, c0 = at, at - c * (at - before) / (c - c0), c
-        c, ends = gap(at)
-        if not np.isfinite(c):
-            return None
-    return ends if abs(c) < CLOSE and abs(at - t) < ON_CIRCLE else None
+        ahead = at[go] - c[go] * (at[go] - before[go]) / (c[go] - c0[go])
+        before[go], at[go], c0[go] = at[go], ahead, c[go]
+        c[go], ends[go] = gaps(ahead, go)
+        sound &= np.isfinite(c)
+    return ends[sound & (np.abs(c) < CLOSE) & (np.abs(at - t) < ON_CIRCLE)]

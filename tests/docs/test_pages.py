@@ -25,7 +25,7 @@ ELSEWHERE = {"--scheduler": "needs a cluster"}
 """What a command line has that is not run here: its options are read all the same."""
 QUICK = {"init", "check", "schema"}
 """Commands without a fit."""
-HEAVY = {"diagnose", "sensitivity", "workspace"}
+HEAVY = {"compare", "diagnose", "plan", "sensitivity", "workspace"}
 """Commands that take more than some seconds."""
 
 
