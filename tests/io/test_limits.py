@@ -125,20 +125,20 @@ def test_spaces_at_either_end_of_a_column_are_no_number(mark):
 
 
 YAMLS = {
-    "numbers": "a: [" + "1," * 9_500_000 + "1]",
-    "fewer numbers": "a: [" + "1," * 2_000_000 + "1]",
-    "keys": "".join(f"k{i}: 1\n" for i in range(1_500_000)),
-    "fewer keys": "".join(f"k{i}: 1\n" for i in range(150_000)),
-    "laughs": "a: &a [1,1,1,1,1,1,1,1,1]\n" + "".join(
+    "numbers": lambda: "a: [" + "1," * 9_500_000 + "1]",
+    "fewer numbers": lambda: "a: [" + "1," * 2_000_000 + "1]",
+    "keys": lambda: "".join(f"k{i}: 1\n" for i in range(1_500_000)),
+    "fewer keys": lambda: "".join(f"k{i}: 1\n" for i in range(150_000)),
+    "laughs": lambda: "a: &a [1,1,1,1,1,1,1,1,1]\n" + "".join(
         f"{chr(98 + i)}: &{chr(98 + i)} [{','.join(['*' + chr(97 + i)] * 9)}]\n" for i in range(9)),
-    "deep": "[" * 100_000, "deep mappings": "{a: " * 100_000, "deep dashes": "- " * 100_000,
-    "a circle": "a: &a [*a]",
+    "deep": lambda: "[" * 100_000, "deep mappings": lambda: "{a: " * 100_000,
+    "deep dashes": lambda: "- " * 100_000, "a circle": lambda: "a: &a [*a]",
 }
 
 
 @pytest.mark.parametrize("name", YAMLS)
 def test_a_yaml_file_that_is_too_large(name, tmp_path):
-    (tmp_path / "m.yaml").write_text(YAMLS[name])
+    (tmp_path / "m.yaml").write_text(YAMLS[name]())
     refused(lambda: read_yaml(tmp_path / "m.yaml"), "m.yaml")
 
 
