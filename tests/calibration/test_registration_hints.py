@@ -75,6 +75,23 @@ def test_what_was_changed_between_days_is_told(what: str) -> None:
 
 
 @pytest.mark.slow
+def test_joint_values_alone_have_no_position_that_would_be_off() -> None:
+    """It said that the error went from 0 to 0 mm."""
+    machine = load(shipped("maslow"))
+    text = yaml.safe_load(shipped("maslow", True).read_text(encoding="utf-8"))
+    del text["frame"]
+    text["instrument"] = {"kind": "none", "sigma": {"actuator": 0.3}}
+    first, second = (replace(ppmcal.simulate(machine, {**text, "seed": n}).data[0], name=f"day{n}",
+                             source=f"day{n}.csv") for n in (1, 2))
+    second = replace(second, q=second.q + np.array([0.0, 0.02, 0.0, 0.0]))
+    fit = identify(Problem(machine, (first, second), machine.free))
+    (hint,) = registration_hints(fit)
+    (said,) = hint_sentences(fit, [hint])
+    assert said.startswith("day2: `homing: per-file in day2.yaml` takes what is left of it from")
+    assert "0 to 0" not in said and f"to {hint.after:.3g} times the noise" in said
+
+
+@pytest.mark.slow
 def test_sessions_within_a_file_may_have_frames_of_their_own() -> None:
     data = day(1, "day1")
     late = np.arange(len(data)) >= len(data) // 2

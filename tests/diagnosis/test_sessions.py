@@ -100,6 +100,24 @@ def test_each_session_is_predicted_by_a_fit_of_the_other(tmp_path: Path) -> None
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("anew", ["both", "second"])
+def test_zeros_of_a_session_that_was_homed_anew_are_no_error(tmp_path: Path, anew: str) -> None:
+    """Neither of it, as the other predicts it, nor of the other, as it does."""
+    two_days(tmp_path, [], [])
+    table = rows(tmp_path / OTHER)
+    for row in table:
+        row["q_leg1"] = repr(float(row["q_leg1"]) + 0.4)
+    write_csv(tmp_path / OTHER, table)
+    for data in (DATA, OTHER) if anew == "both" else (OTHER,):
+        side = (tmp_path / data).with_suffix(".yaml")
+        side.write_text(side.read_text() + "homing: per-file\n")
+    ppmcal("identify", "m.yaml", DATA, OTHER, "--leave-out", "session", "--out", "i", cwd=tmp_path)
+    found = json.loads((tmp_path / "i/identification.json").read_text())["residual"]["holdout"]
+    # 5 um of noise, and what 20 poses know of the geometry
+    assert found["position"]["rms"] < 0.03
+
+
+@pytest.mark.slow
 def test_a_session_column_splits_a_file(tmp_path: Path) -> None:
     simulate(tmp_path, "3-RPR", [], count=20, errors=ERRORS)
     table = rows(tmp_path / DATA)

@@ -303,7 +303,10 @@ def hint_sentences(fit: Fit, hints: Sequence[RegistrationHint]) -> list[Note]:
         data = fit.problem.datasets[h.dataset]
         was, now = (v / units.factor("length") for v in h.position)
         also = "".join(f", or `{_words(fit, *other)}`" for other in h.instead)
-        out.append(Note(f"{data.name}: `{hint_words(fit, h)}` takes its error from {was:.3g} to "
-                        f"{now:.3g} {units.length} rms ({h.before:.3g} to {h.after:.3g} times the "
-                        f"noise): {CAUSES[h.what]}, perhaps{also}", topic="registration"))
+        fall = f"{h.before:.3g} to {h.after:.3g} times the noise"
+        # joint values alone, and tilts, have no positions
+        whole = (f"its error from {was:.3g} to {now:.3g} {units.length} rms ({fall})" if was > 0.0
+                 else f"what is left of it from {fall}")
+        out.append(Note(f"{data.name}: `{hint_words(fit, h)}` takes {whole}: {CAUSES[h.what]}, "
+                        f"perhaps{also}", topic="registration"))
     return out

@@ -233,11 +233,13 @@ def on_other(fit: Fit, other: Sequence[Dataset]) -> tuple[dict[str, dict[str, fl
 def on_other_rows(fit: Fit, other: Sequence[Dataset]) -> tuple[Residuals, list[Bools]]:
     """Return the errors of other data sets with the geometry as it is, and where they are known.
 
-    An unknown frame or target of theirs is registered on them alone.
+    An unknown frame or target of theirs is registered on them alone, and so are zeros.
     """
     names = {d.name: s for d, s in zip(fit.problem.datasets, fit.state.registrations, strict=True)}
-    fresh = tuple(_with_known(d, names) for d in other)
-    problem = Problem(fit.problem.mechanism.with_values(fit.state.g), fresh, ())
+    fresh = [_with_known(d, names) for d in other]
+    if fresh[0].homing == "per-file":    # in a fit the first file has the machine's zeros
+        fresh[0] = replace(fresh[0], homing="alone")
+    problem = Problem(fit.problem.mechanism.with_values(fit.state.g), tuple(fresh), ())
     state = register_only(problem).state
     return residuals(problem, state), [finite_rows(p) for p in state.poses]
 
@@ -259,7 +261,8 @@ def sessions_left_out(problem: Problem, options: FitOptions, keep: Sequence[Bool
                       ) -> tuple[dict[str, dict[str, float]], str]:
     """Return the figures of every session as a fit of the others predicts it, and how.
 
-    Frame and target of a session that is a whole file are registered anew.
+    Frame and target of a session that is a whole file are registered anew, and its zeros where no
+    other session tells them.
 
     Args:
         problem: machine and all data.
@@ -301,18 +304,24 @@ def other_sessions(datasets: Sequence[Dataset], keep: Sequence[Bools],
     for _, mask in masks if len(masks) > 1 else ():
         rest = tuple(_known_alone(d.take(~m), mask, datasets)
                      for d, m in zip(used, mask, strict=True) if not m.all())
-        yield rest, _taken(own, mask)
+        yield rest, _taken(own, mask, any(d.homing == "shared" for d in rest))
 
 
-def _taken(datasets: Sequence[Dataset], mask: Sequence[Bools]) -> list[Dataset]:
-    """Return the usable rows of a session; a part of a file keeps the frame of the others."""
+def _taken(datasets: Sequence[Dataset], mask: Sequence[Bools], homed: bool) -> list[Dataset]:
+    """Return the usable rows of a session; a part of a file keeps the frame of the others.
+
+    ``homed``: others tell the zeros of the joints; else they are fitted there, as the frame is.
+    """
     out = []
     for data, m in zip(datasets, mask, strict=True):
         usable = m & data.usable
         if usable.any():
             part = data.take(usable)
-            out.append(part if m.all() else replace(
-                part, frame=replace(part.frame, same_as=data.name)))
+            if not m.all():
+                part = replace(part, frame=replace(part.frame, same_as=data.name))
+            elif not homed:
+                part = replace(part, homing="per-file")
+            out.append(part)
     return out
 
 
