@@ -62,8 +62,6 @@ def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanis
     home_pose = pose_from_map(file.home.pose, file.motion.coordinates, units, source, "home.pose")
     made, tolerances, findings = _parameters(file, drafts, units, home_pose, source)
     patterns = None if file.free is None else tuple(file.free)
-    if patterns is not None:
-        findings += assemble.check_patterns(made, drafts, patterns, source)
     optional = tuple(tuple(level) for level in file.optional or ())
     for missed in unmatched(made, [pattern for level in optional for pattern in level]):
         raise unknown("parameter", missed, [p.name for p in made], f"{source}: optional")
@@ -90,6 +88,11 @@ def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanis
     mechanism = replace(mechanism, gaps=read_gaps(file.closure, mechanism))
     machine = with_effects(with_limb_entries(mechanism, file.limbs, units, source), file.effects,
                            units, source)
+    if patterns is not None:    # they may name parameters of effects, too
+        told = len(findings)
+        machine = replace(machine, findings=(
+            *findings, *assemble.check_patterns(machine.parameters, drafts, patterns, source),
+            *machine.findings[told:]))
     refuse_tolerances(machine)
     _remark(machine)
     return machine

@@ -204,6 +204,17 @@ def test_only_what_is_marked_is_free(tmp_path: Path) -> None:
         assert width.tolerance == pytest.approx(1e-5)
 
 
+def test_a_choice_of_parameters_may_name_those_of_effects(tmp_path: Path) -> None:
+    """As after a fit of joint values alone, for which some of the geometry is held."""
+    effects = [{"kind": "lag", "parameters": {"tau": {"value": 0.0, "free": True}}}]
+    mechanism = read(tmp_path, "3-RPR", effects)
+    held = replace(mechanism, free=mechanism.free[3:])
+    assert "lag.tau" in yaml.safe_load(write_mechanism(held))["free"]
+    assert back(held, tmp_path).free == held.free
+    with pytest.raises(BadInput, match=r"the pattern 'lag\.tua' names no parameter"):
+        read(tmp_path, "3-RPR", effects, free=["lag.tua"])
+
+
 # --- round trips --------------------------------------------------------------------------------
 
 def awkward(mechanism: Mechanism, kind: str, seed: int) -> dict[str, Any]:
