@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
+from typing import Self
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from ppmcal.kinematics.tables import inverse_table
 from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
+from ppmcal.units import Units
 
 STEPS = 64
 """Steps on the way from home along one coordinate, at which limits are looked up."""
@@ -87,6 +89,29 @@ def named(mechanism: Mechanism) -> tuple[int, ...]:
         return nominal.dof
     kept = np.isfinite(named_only(nominal, nominal.home_pose[None])[0])
     return tuple(c for c in nominal.dof if kept[c])
+
+
+@dataclass(frozen=True, eq=False)
+class Map:
+    """One quantity over a grid.
+
+    Attributes:
+        name: column of the table and stem of the picture: ``amplification_position``.
+        title: in words; unit: of ``values``, empty for a bare number.
+        values: one value per pose, shape of the grid, file units, nan where there is none.
+        log: whether colours go with the logarithm.
+    """
+
+    name: str
+    title: str
+    unit: str
+    values: Array
+    log: bool = False
+
+    @classmethod
+    def of(cls, units: Units, name: str, title: str, quantity: str, values: Array) -> Self:
+        """Return the map of SI values of a quantity such as ``angle/length``."""
+        return cls(name, title, units.name(quantity), values / units.factor(quantity))
 
 
 def placed(mechanism: Mechanism, coordinates: Sequence[int], values: Array) -> Array:

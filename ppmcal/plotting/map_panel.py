@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib import colormaps
@@ -13,6 +13,7 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
+from ppmcal.kinematics.region import Map
 from ppmcal.linalg import Array
 from ppmcal.plotting.style import (
     BODY,
@@ -37,7 +38,6 @@ from ppmcal.plotting.style import (
     round_numbers,
     with_unit,
 )
-from ppmcal.units import Units
 
 COLOURS = "viridis"
 """Even steps for the eye, and darker to lighter also in grey."""
@@ -200,29 +200,6 @@ def _edges(levels: Array) -> Array:
     out: Array = np.concatenate([[2.0 * levels[0] - middle[0]], middle,
                                  [2.0 * levels[-1] - middle[-1]]])
     return out
-
-
-@dataclass(frozen=True, eq=False)
-class Map:
-    """One quantity over a grid.
-
-    Attributes:
-        name: column of the table and stem of the picture: ``amplification_position``.
-        title: in words; unit: of ``values``, empty for a bare number.
-        values: one value per pose, shape of the grid, file units, nan where there is none.
-        log: whether colours go with the logarithm.
-    """
-
-    name: str
-    title: str
-    unit: str
-    values: Array
-    log: bool = False
-
-    @classmethod
-    def of(cls, units: Units, name: str, title: str, quantity: str, values: Array) -> Self:
-        """Return the map of SI values of a quantity such as ``angle/length``."""
-        return cls(name, title, units.name(quantity), values / units.factor(quantity))
 
 
 @dataclass(frozen=True, eq=False)

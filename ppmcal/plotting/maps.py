@@ -10,11 +10,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ppmcal.kinematics.region import Grid, placed
+from ppmcal.kinematics.region import Grid, Map, placed
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
-from ppmcal.plotting.map_panel import ColourScale, Map, MapView, draw_panel, draw_profile
+from ppmcal.plotting.map_panel import ColourScale, MapView, draw_panel, draw_profile
 from ppmcal.plotting.style import (
     BODY,
     EDGE,

@@ -14,10 +14,10 @@ from ppmcal.io import read_mechanism
 from ppmcal.io.grid import read_grid
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import inverse_partial
-from ppmcal.kinematics.region import Grid, named, slice_axes, slice_grid
+from ppmcal.kinematics.region import Grid, Map, named, slice_axes, slice_grid
 from ppmcal.plotting import style as picture
 from ppmcal.plotting.curves import draw_curves
-from ppmcal.plotting.map_panel import NO_VALUE, SINGULAR_CURVE, ColourScale, Map, draw_panel
+from ppmcal.plotting.map_panel import NO_VALUE, SINGULAR_CURVE, ColourScale, draw_panel
 from ppmcal.plotting.maps import _view, draw_map
 from ppmcal.plotting.style import (
     SINGULAR,

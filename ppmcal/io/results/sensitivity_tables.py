@@ -15,10 +15,9 @@ from ppmcal.io.results.design import ShownTable
 from ppmcal.io.results.record import Column, in_units
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_motor
-from ppmcal.kinematics.region import Grid
+from ppmcal.kinematics.region import Grid, Map
 from ppmcal.linalg import finite_rows
 from ppmcal.model.motions import POSE_COORDINATES
-from ppmcal.plotting.map_panel import Map
 
 LISTED = 15
 LINEARITY = "Linear against nonlinear model at home"

@@ -26,9 +26,9 @@ from ppmcal.io.results.stiffness_tables import (
 )
 from ppmcal.io.results.stiffness_wording import findings, sentences
 from ppmcal.io.results.tables import map_table, unit_map
+from ppmcal.kinematics.region import Map
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
-from ppmcal.plotting.map_panel import Map
 from ppmcal.store.provenance import Provenance
 from ppmcal.units import ByCoordinate, Key, Length, OfUnit
 

@@ -11,10 +11,9 @@ from ppmcal.calibration.fit import GAP, gap_names
 from ppmcal.design.stiffness import Home, Stiffnesses
 from ppmcal.io.results.design import ShownTable
 from ppmcal.io.results.record import Part, Shown, Text
-from ppmcal.kinematics.region import Grid
+from ppmcal.kinematics.region import Grid, Map
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.plotting.map_panel import Map
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 FORCE = "force_"

@@ -16,12 +16,12 @@ from ppmcal.io.csv import Table, csv_table, joined, refuse_absurd, whole_rows
 from ppmcal.io.csv_body import Cells
 from ppmcal.io.pose_fields import EULER
 from ppmcal.io.results.record import Part
+from ppmcal.kinematics.region import Map
 from ppmcal.limits import refuse_shape
 from ppmcal.linalg import Array
 from ppmcal.model.instruments import is_own_reading, number_names
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
-from ppmcal.plotting.map_panel import Map
 from ppmcal.store.inputs import read_bytes, read_pieces
 from ppmcal.units import coordinate_quantity
 

@@ -19,10 +19,10 @@ from ppmcal.io import csv_text
 from ppmcal.io.results.design import ShownTable
 from ppmcal.io.results.tables import joint_columns, map_table, pose_columns
 from ppmcal.kinematics.partial_pose import pose_vector
+from ppmcal.kinematics.region import Map
 from ppmcal.kinematics.tables import limit_reason
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.plotting.map_panel import Map
 
 
 @dataclass(frozen=True, eq=False)
