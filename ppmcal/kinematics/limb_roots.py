@@ -38,7 +38,9 @@ def limb_roots(model: Model, index: int, pose: Array) -> tuple[Array, Array]:
         starts = np.where(np.isfinite(roots), roots, nearest[:, None])
         for j in range(2):
             roots[:, j], nearest = _turned_root(model, index, pose, starts[:, j], j)
-    missing = np.where(finite_rows(roots), 0.0, _distance(model, index, pose, nearest))
+    reached = finite_rows(roots)
+    missing = np.zeros(len(reached)) if reached.all() else np.where(
+        reached, 0.0, _distance(model, index, pose, nearest))
     with np.errstate(invalid="ignore", divide="ignore"):
         return _polished(model, index, pose, roots), missing
 
