@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.limb_roots import limb_roots, nearest_joint
+from ppmcal.kinematics.limb_roots import all_roots, limb_roots, nearest_joint
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Limb, Mechanism
 from ppmcal.model.scaled_points import other_radii
@@ -185,9 +185,8 @@ def inverse(model: Model, pose: Array) -> Inverse:
     state = home_state(mechanism)
     reasons = [""] * pose.shape[0]
     factor, unit = mechanism.units.factor("length"), mechanism.units.length
-    for i in mechanism.driven:
+    for i, (roots, missing) in all_roots(model, pose).items():
         limb = mechanism.limbs[i]
-        roots, missing = limb_roots(model, i, pose)
         own = wrapped(mechanism, limb.actuator,
                     to_joint(model, i, roots[:, 1 if state.roots[i] > 0 else 0]),
                     state.q[limb.actuator])

@@ -5,18 +5,23 @@ With the pose fixed, a limb's closure equation is a polynomial of degree two in 
 one. Three evaluations of the KGB give its coefficients exactly, whatever the kind, so the
 limbs need no inverse of their own; one Newton step removes the interpolation's round-off.
 A universal joint whose axes do not meet turns with u: it is held, solved and turned again.
+
+Few poses are solved for all limbs of a kind at once, as if they were so many more poses of one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Model
-from ppmcal.linalg import Array, finite_rows
+from ppmcal.linalg import Array, Ints, finite_rows
 from ppmcal.model.limbs.chain import U
+from ppmcal.model.limbs.kind import LimbKind
 
 FEW = 2000
 """Poses whose joint coordinates are tried several at once."""
@@ -26,6 +31,48 @@ TURNED = 1e-11
 """The turn is found when the joint moves by no more than this part of the reach, or rad."""
 
 
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """One limb of a kind at each of N poses, maybe another one at each.
+
+    ``values``: its slots, a number or (N,), and ``directions`` (3,) or (N, 3), SI; ``pose``: motors
+    (N, 8); ``reach``: of the machine, m.
+    """
+
+    kind: LimbKind
+    values: Mapping[str, Any]
+    directions: frozenset[str]
+    pose: Array
+    reach: float
+
+    @classmethod
+    def of(cls, model: Model, limbs: Sequence[int], pose: Array) -> _Rows:
+        """Return limbs of one kind at poses (N, 8): all poses of the first, then of the next."""
+        first, every = model.mechanism.limbs[limbs[0]], [model.limb_values[i] for i in limbs]
+        directions, values = frozenset(first.constants), dict(every[0])
+        if len(limbs) > 1:
+            for name in values:
+                each = (np.asarray(v[name], dtype=float) for v in every)
+                own = (3,) if name in directions else ()
+                values[name] = np.concatenate([np.broadcast_to(v, (len(pose), *own)) for v in each])
+            pose = np.tile(pose, (len(limbs), 1))
+        return cls(first.kind, values, directions, pose, model.mechanism.reach)
+
+    @property
+    def slides(self) -> bool:
+        return self.kind.actuator == "length"
+
+    @property
+    def turned(self) -> bool:
+        return self.kind.is_turned(self.values)
+
+    def taken(self, rows: Ints) -> _Rows:
+        """Return some of the rows, one maybe more often."""
+        return replace(self, pose=self.pose[rows], values={
+            name: value if np.ndim(value) == (name in self.directions) else value[rows]
+            for name, value in self.values.items()})
+
+
 def limb_roots(model: Model, index: int, pose: Array) -> tuple[Array, Array]:
     """Return both joint coordinates u of one driven limb, (N, 2), and by how much it misses (N,).
 
@@ -33,16 +80,37 @@ def limb_roots(model: Model, index: int, pose: Array) -> tuple[Array, Array]:
     enters linearly. nan where the limb cannot reach; the second result is then positive:
     the missing length (sphere or plane distance at the closest joint value), m.
     """
-    roots, nearest = _root_pair(model, index, pose)
-    if model.mechanism.limbs[index].kind.is_turned(model.limb_values[index]):
+    return _solved(_Rows.of(model, (index,), pose))
+
+
+def all_roots(model: Model, pose: Array) -> dict[int, tuple[Array, Array]]:
+    """Return the roots of every driven limb, as :func:`limb_roots` those of one."""
+    together: dict[Any, list[int]] = {}
+    for i in model.mechanism.driven:
+        kind, values = model.mechanism.limbs[i].kind, model.limb_values[i]
+        alone = len(pose) > FEW or kind.is_turned(values)
+        together.setdefault(i if alone else (kind.name, tuple(sorted(values))), []).append(i)
+    out = {}
+    for limbs in together.values():
+        roots, missing = _solved(_Rows.of(model, limbs, pose))
+        for i, r, m in zip(limbs, np.split(roots, len(limbs)), np.split(missing, len(limbs)),
+                           strict=True):
+            out[i] = r, m
+    return dict(sorted(out.items()))
+
+
+def _solved(limb: _Rows) -> tuple[Array, Array]:
+    """Return both roots (N, 2), and by how much the limb misses (N,)."""
+    roots, nearest = _root_pair(limb)
+    if limb.turned:
         starts = np.where(np.isfinite(roots), roots, nearest[:, None])
         for j in range(2):
-            roots[:, j], nearest = _turned_root(model, index, pose, starts[:, j], j)
+            roots[:, j], nearest = _turned_root(limb, starts[:, j], j)
     reached = finite_rows(roots)
     missing = np.zeros(len(reached)) if reached.all() else np.where(
-        reached, 0.0, _distance(model, index, pose, nearest))
+        reached, 0.0, _distance(limb, nearest))
     with np.errstate(invalid="ignore", divide="ignore"):
-        return _polished(model, index, pose, roots), missing
+        return _polished(limb, roots), missing
 
 
 def nearest_joint(model: Model, index: int, pose: Array) -> Array:
@@ -50,42 +118,38 @@ def nearest_joint(model: Model, index: int, pose: Array) -> Array:
 
     Of use where it has no root: as far as the limb reaches.
     """
-    nearest = _root_pair(model, index, pose)[1]
-    if model.mechanism.limbs[index].kind.is_turned(model.limb_values[index]):
-        nearest = _turned_root(model, index, pose, nearest, 0)[1]
+    limb = _Rows.of(model, (index,), pose)
+    nearest = _root_pair(limb)[1]
+    if limb.turned:
+        nearest = _turned_root(limb, nearest, 0)[1]
     return np.where(np.isfinite(nearest), nearest, 0.0)
 
 
-def _root_pair(model: Model, index: int, pose: Array, held: Mapping[str, Array] | None = None
-               ) -> tuple[Array, Array]:
+def _root_pair(limb: _Rows, held: Mapping[str, Array] | None = None) -> tuple[Array, Array]:
     """Return both roots u (N, 2) with a universal joint held at its turn, and the nearest u (N,).
 
     ``held``: its turn, as :meth:`LimbKind.turn`; nothing where its axes meet.
     """
-    limb = model.mechanism.limbs[index]
-    prismatic = limb.kind.actuator == "length"
-    step = model.mechanism.reach if prismatic else 1.0
-    samples = step * np.array([1.0, 2.0, 3.0]) if prismatic else np.array([0.0, 1.0, -1.0]) * 2.0
-    f = _inner_products(model, index, pose, np.broadcast_to(samples, (len(pose), 3)), held or {})
-    if prismatic:
+    step = limb.reach if limb.slides else 1.0
+    samples = step * np.array([1.0, 2.0, 3.0]) if limb.slides else np.array([0.0, 1.0, -1.0]) * 2.0
+    f = _inner_products(limb, np.broadcast_to(samples, (len(limb.pose), 3)), held or {})
+    if limb.slides:
         return _polynomial_roots(f, step, limb.kind.branch is None)
     return _trigonometric_roots(f)
 
 
-def _turned_root(model: Model, index: int, pose: Array, u: Array, which: int
-                 ) -> tuple[Array, Array]:
+def _turned_root(limb: _Rows, u: Array, which: int) -> tuple[Array, Array]:
     """Return one root (N,) of a limb with an offset universal joint, and the nearest u (N,).
 
     The joint is held as it stands at u and the limb solved in closed form, again and again: the
     turn is stationary, so that each step squares the error. Where there is no root yet the joint
     follows the nearest u, which ends at the end of the limb's reach.
     """
-    kind, near = model.mechanism.limbs[index].kind, u
-    root = np.full_like(u, np.nan)
-    scale = model.mechanism.reach if kind.actuator == "length" else 1.0
+    near, root = u, np.full_like(u, np.nan)
+    scale = limb.reach if limb.slides else 1.0
     for _ in range(MOST_TURNS):
-        turn = kind.turn({**model.limb_values[index], U: near}, pose)
-        pair, middle = _root_pair(model, index, pose, turn)
+        turn = limb.kind.turn({**limb.values, U: near}, limb.pose)
+        pair, middle = _root_pair(limb, turn)
         root = pair[:, which]
         before, near = near, np.where(np.isfinite(root), root, middle)
         if not np.any(np.abs(near - before) > TURNED * scale):
@@ -93,42 +157,35 @@ def _turned_root(model: Model, index: int, pose: Array, u: Array, which: int
     return root, near
 
 
-def _inner_product(model: Model, index: int, pose: Array, u: Array | float,
-                   held: Mapping[str, Array] | None = None) -> Array:
+def _inner_product(limb: _Rows, u: Array | float, held: Mapping[str, Array] | None = None) -> Array:
     """Return the raw inner product of the limb's first closure equation (N,), m^2 or m.
 
     ``held``: the turn of an offset universal joint, where it is not that at the pose.
     """
-    kind = model.mechanism.limbs[index].kind
-    values = {**model.limb_values[index], U: np.asarray(u, dtype=float), **(held or {})}
-    body = kind.evaluate(values, (), pose if held is None else None)
-    carried = cga.move_vector(pose, body.moving[:, 0])
+    values = {**limb.values, U: np.asarray(u, dtype=float), **(held or {})}
+    body = limb.kind.evaluate(values, (), limb.pose if held is None else None)
+    carried = cga.move_vector(limb.pose, body.moving[:, 0])
     return np.asarray(cga.inner(body.fixed[:, 0], carried), dtype=float)
 
 
-def _inner_products(model: Model, index: int, pose: Array, u: Array,
-                    held: Mapping[str, Array] | None = None) -> Array:
+def _inner_products(limb: _Rows, u: Array, held: Mapping[str, Array] | None = None) -> Array:
     """Return the same at several joint coordinates (N, s) of each pose (N, s).
 
     All at once where poses are so few that calls are what takes the time.
     """
     count, several = u.shape
     if count > FEW:
-        return np.stack([_inner_product(model, index, pose, u[:, j], held)
-                         for j in range(several)], axis=-1)
+        return np.stack([_inner_product(limb, u[:, j], held) for j in range(several)], axis=-1)
     rows = np.repeat(np.arange(count), several)    # effects give each row slots of its own
     again = None if held is None else {
         name: value[rows] if len(value) == count else value for name, value in held.items()}
-    return _inner_product(model.take(rows), index, pose[rows], u.ravel(), again).reshape(
-        count, several)
+    return _inner_product(limb.taken(rows), u.ravel(), again).reshape(count, several)
 
 
-def _distance(model: Model, index: int, pose: Array, u: Array) -> Array:
+def _distance(limb: _Rows, u: Array) -> Array:
     """Return how far the limb ends from closing at joint coordinates ``u`` (N,), m."""
-    kind = model.mechanism.limbs[index].kind
-    body = kind.evaluate({**model.limb_values[index], U: np.where(np.isfinite(u), u, 0.0)}, (),
-                         pose)
-    c = cga.inner(body.fixed[:, 0], cga.move_vector(pose, body.moving[:, 0]))
+    body = limb.kind.evaluate({**limb.values, U: np.where(np.isfinite(u), u, 0.0)}, (), limb.pose)
+    c = cga.inner(body.fixed[:, 0], cga.move_vector(limb.pose, body.moving[:, 0]))
     radius = body.radius[:, 0]
     apart = np.abs(np.sqrt(np.maximum(radius**2 - 2.0 * c, 0.0)) - radius)
     return np.asarray(np.where(radius > 0.0, apart, np.abs(c)), dtype=float)
@@ -173,15 +230,14 @@ def _trigonometric_roots(f: Array) -> tuple[Array, Array]:
             np.where(k > 0.0, middle + np.pi, middle))
 
 
-def _polished(model: Model, index: int, pose: Array, u: Array) -> Array:
+def _polished(limb: _Rows, u: Array) -> Array:
     """Return roots (N, 2) after one Newton step on the closure equation itself.
 
     It counts only where it is small and finite.
     """
-    kind = model.mechanism.limbs[index].kind
     safe = np.where(np.isfinite(u), u, 1.0)
-    h = 1e-6 * (model.mechanism.reach if kind.actuator == "length" else 1.0)
-    f = _inner_products(model, index, pose, np.concatenate([safe, safe + h, safe - h], axis=1))
+    h = 1e-6 * (limb.reach if limb.slides else 1.0)
+    f = _inner_products(limb, np.concatenate([safe, safe + h, safe - h], axis=1))
     step = -f[:, :2] / ((f[:, 2:4] - f[:, 4:]) / (2.0 * h))
     use = np.isfinite(step) & (np.abs(step) < 1e-3 * h / 1e-6)
     return np.where(np.isfinite(u), safe + np.where(use, step, 0.0), u)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.limb_roots import limb_roots
+from ppmcal.kinematics.limb_roots import all_roots
 from ppmcal.kinematics.skeleton import FOLD, GUIDE, LimbSkeleton
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import PASSIVE
@@ -27,10 +27,9 @@ def transmissions_at(model: Model, pose: Array, q: Array) -> tuple[Array, Array]
         q: joint values there (N, k), SI.
     """
     slope = model.closure(q).joint_matrix(pose, drive=False)
-    value, roots, row = [], [], 0
+    value, roots, row, known = [], [], 0, all_roots(model, pose)
     for i, limb in enumerate(model.mechanism.limbs):
-        pair = (limb_roots(model, i, pose)[0] if limb.driven
-                else np.full((len(pose), 2), np.nan))
+        pair = known[i][0] if limb.driven else np.full((len(pose), 2), np.nan)
         half = (pair[:, 1] - pair[:, 0]) / 2.0
         value.append(np.abs(slope[:, row, limb.actuator])
                      if limb.driven and limb.kind.actuator == "length" else np.abs(np.sin(half)))

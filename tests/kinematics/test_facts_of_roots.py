@@ -15,8 +15,10 @@ from ppmcal.kinematics.limb_roots import (
     _inner_product,
     _polished,
     _polynomial_roots,
+    _Rows,
     _trigonometric_roots,
     _turned_root,
+    all_roots,
     limb_roots,
     nearest_joint,
 )
@@ -67,11 +69,11 @@ def test_a_newton_step_squares_what_a_root_is_off_if_it_is_little(name: str) -> 
     scale = mechanism.reach if mechanism.actuator_quantity[0] == "length" else 1.0
     for index in range(2):
         roots = limb_roots(model, index, pose)[0]
-        near = _polished(model, index, pose, roots + 1e-5 * scale)
+        near = _polished(_Rows.of(model, [index], pose), roots + 1e-5 * scale)
         np.testing.assert_allclose(near, roots, rtol=0.0, atol=2e-9 * scale)
         far = roots + 1e-2 * scale
-        np.testing.assert_array_equal(_polished(model, index, pose, far), far)
-        assert np.isnan(_polished(model, index, pose, np.full((1, 2), np.nan))).all()
+        np.testing.assert_array_equal(_polished(_Rows.of(model, [index], pose), far), far)
+        assert np.isnan(_polished(_Rows.of(model, [index], pose), np.full((1, 2), np.nan))).all()
 
 
 @pytest.mark.parametrize("most", [0.0, 0.3])
@@ -86,10 +88,30 @@ def test_an_offset_joint_is_turned_until_it_stands_still(kind: str, body: str, m
         exact = limb_roots(model, index, pose)[0]
         for which in range(2):
             start = exact[:, which] + np.linspace(most, 0.3, len(pose)) * mechanism.reach
-            found, near = _turned_root(model, index, pose, start, which)
-            miss = _inner_product(model, index, pose, found)
+            found, near = _turned_root(_Rows.of(model, [index], pose), start, which)
+            miss = _inner_product(_Rows.of(model, [index], pose), found)
             assert np.abs(miss).max() < 1e-11 * mechanism.reach**2
             np.testing.assert_array_equal(near, found)
+
+
+@pytest.mark.parametrize("varied", [False, True])
+@pytest.mark.parametrize("name", ["6-UPS", "6-RUS", "linapod", "cable-4-pulleys", "tricept",
+                                  "mixed-spatial", "3-RPS"])
+def test_limbs_together_have_the_roots_of_each(name: str, varied: bool) -> None:
+    """With parameters of their own in each row, too, and where a limb does not reach."""
+    mechanism = ppmcal.load(ppmcal.shipped(name))
+    pose = np.repeat(mechanism.home[None], 5, axis=0)
+    pose[3] = cga.compose(cga.translator(np.array([9.0, 0.0, 0.0]) * mechanism.reach), pose[3])
+    rng = np.random.default_rng(1)
+    g = np.tile(mechanism.values, (5, 1)) + 1e-4 * mechanism.reach * rng.uniform(
+        -1.0, 1.0, (5, mechanism.values.size))
+    model = Model(mechanism, g if varied else None)
+    found = all_roots(model, pose)
+    assert list(found) == list(mechanism.driven)
+    for i, (roots, missing) in found.items():
+        alone = limb_roots(model, i, pose)
+        np.testing.assert_allclose(roots, alone[0], rtol=1e-12)
+        np.testing.assert_allclose(missing, alone[1], rtol=1e-9)
 
 
 def test_where_nothing_is_known_the_nearest_joint_is_0() -> None:
@@ -110,6 +132,7 @@ def test_the_nearest_joint_is_where_the_limb_misses_least(body: str) -> None:
     pose = cga.compose(away, spread(model)[1])
     for index in range(2):
         at, h = nearest_joint(model, index, pose), 1e-4 * mechanism.reach
-        here, below, above = (_distance(model, index, pose, at + s * h) for s in (0, -1, 1))
+        limb = _Rows.of(model, [index], pose)
+        here, below, above = (_distance(limb, at + s * h) for s in (0, -1, 1))
         assert (here > mechanism.reach).all()
         assert np.abs(above - below).max() < 1e-3 * h
