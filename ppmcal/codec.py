@@ -14,59 +14,33 @@ its own: a field's key may be a path, ``limit.position``, into it.
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import types
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from inspect import cleandoc
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
-import numpy as np
-
 from ppmcal.errors import BadInput
-from ppmcal.notes import Note
+from ppmcal.plain import (
+    PLAIN,
+    Json,
+    Reader,
+    WrongKind,
+    list_of,
+    mapping_to,
+    number_up_to,
+    or_none,
+    plain,
+    read_at,
+    several,
+)
 from ppmcal.units import AtMost, Key, Quantity, Units, Unsaid
 
 AGAIN = "Run the command that writes it again"
-LARGEST_WHOLE = 2 ** 53
-"""Up to here a float holds every whole number."""
 T = TypeVar("T")
-Json = dict[str, Any]
-
-
-class WrongKind(TypeError):
-    """A value of another kind than its annotation says."""
-
-    def __init__(self, wanted: str, value: object) -> None:
-        """Say what should be there."""
-        self.wanted, self.place = wanted if value is not None else "something, not null", ""
-
-    def at(self, key: str | int) -> WrongKind:
-        """Return it with its place, now within ``key``."""
-        inner = f".{self.place}" if self.place and self.place[0] != "[" else self.place
-        self.place = f"[{key}]{inner}" if isinstance(key, int) else f"{key}{inner}"
-        return self
-
-    def __str__(self) -> str:
-        """Return where it is and what should be there."""
-        return f"{self.place}: should be {self.wanted}"
-
-
-@dataclass(frozen=True)
-class Reader:
-    """What an annotation reads.
-
-    ``read`` takes plain data, and whether they come from a file, so that bounds hold; it raises
-    :class:`WrongKind`. ``schema`` takes the definitions, to which it may add. ``blank`` stands
-    where a key is missing and the class has no default.
-    """
-
-    read: Callable[[Any, bool], Any]
-    schema: Callable[[Json], Json]
-    blank: Any = None
 
 
 @dataclass(frozen=True)
@@ -156,104 +130,23 @@ def reader_of(hint: Any) -> Reader:
     if get_origin(hint) is Annotated:
         bare, marks = get_args(hint)[0], _marks(hint)
         one = next((m for m in marks if isinstance(m, Reader)), None) or next(
-            (_number(m.largest) for m in marks if isinstance(m, AtMost)), None) or reader_of(bare)
-        return _or_none(one, math.nan if bare is float else None) if Unsaid() in marks else one
+            (number_up_to(m.largest) for m in marks if isinstance(m, AtMost)),
+            None) or reader_of(bare)
+        return or_none(one, math.nan if bare is float else None) if Unsaid() in marks else one
     origin, inner = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
         (one,) = (a for a in inner if a is not type(None))
-        return _or_none(reader_of(one))
+        return or_none(reader_of(one))
     if origin is tuple:
-        return _list(reader_of(inner[0])) if inner[1:] == (...,) else _several(
+        return list_of(reader_of(inner[0])) if inner[1:] == (...,) else several(
             [reader_of(a) for a in inner])
     if origin is not None and issubclass(origin, Mapping):
-        return _mapping(reader_of(inner[1]))
+        return mapping_to(reader_of(inner[1]))
     if dataclasses.is_dataclass(hint):
         return reader_of_class(hint)
-    if hint not in _PLAIN:
+    if hint not in PLAIN:
         raise TypeError(f"no JSON holds {hint}")
-    return _PLAIN[hint]
-
-
-def _number(largest: float) -> Reader:
-    bounds = {"maximum": largest, "minimum": -largest} if largest < math.inf else {}
-
-    def read(value: Any, bounded: bool) -> float:
-        if type(value) is not float and (isinstance(value, bool)
-                                         or not isinstance(value, int | float)):
-            raise WrongKind("a number", value)
-        if bounded and not abs(value) <= largest:
-            raise WrongKind(f"a number, {largest:g} at most", value)
-        return float(value)
-
-    return Reader(read, lambda _: {**bounds, "type": "number"}, math.nan)
-
-
-def _whole(value: Any, bounded: bool) -> int:
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise WrongKind("a whole number", value)
-    if bounded and abs(value) > LARGEST_WHOLE:
-        raise WrongKind(f"a whole number, {LARGEST_WHOLE} at most", value)
-    return value
-
-
-def _is(kind: type[T], wanted: str, name: str) -> Reader:
-    def read(value: Any, bounded: bool) -> T:
-        if not isinstance(value, kind):
-            raise WrongKind(wanted, value)
-        return value
-
-    return Reader(read, lambda _: {"type": name}, kind())
-
-
-def _read_at(key: str | int, reader: Reader, value: Any, bounded: bool) -> Any:
-    try:
-        return reader.read(value, bounded)
-    except WrongKind as error:
-        raise error.at(key) from None
-
-
-def _or_none(one: Reader, none: float | None = None) -> Reader:
-    return Reader(lambda value, bounded: none if value is None else one.read(value, bounded),
-                  lambda known: {"anyOf": [one.schema(known), {"type": "null"}]}, none)
-
-
-def _list(item: Reader) -> Reader:
-    def read(value: Any, bounded: bool) -> tuple[Any, ...]:
-        if not isinstance(value, list | tuple):
-            raise WrongKind("a list", value)
-        return tuple(_read_at(n, item, v, bounded) for n, v in enumerate(value))
-
-    return Reader(read, lambda known: {"items": item.schema(known), "type": "array"}, ())
-
-
-def _several(items: list[Reader]) -> Reader:
-    """Return how a list of so many is read."""
-    size = len(items)
-
-    def read(value: Any, bounded: bool) -> tuple[Any, ...]:
-        if not isinstance(value, list | tuple):
-            raise WrongKind("a list", value)
-        found = tuple(_read_at(n, one, v, bounded)
-                      for n, (one, v) in enumerate(zip(items, value, strict=False)))
-        if len(value) != size:
-            wrong = WrongKind("something else", value)
-            raise wrong.at(len(value)) if len(value) < size else wrong
-        return found
-
-    return Reader(read, lambda known: {
-        "maxItems": size, "minItems": size, "prefixItems": [i.schema(known) for i in items],
-        "type": "array"}, tuple(i.blank for i in items))
-
-
-def _mapping(item: Reader) -> Reader:
-    def read(value: Any, bounded: bool) -> dict[str, Any]:
-        if not isinstance(value, Mapping):
-            raise WrongKind("an object", value)
-        return {k: _read_at(k, item, v, bounded) for k, v in value.items()}
-
-    return Reader(read, lambda known: {
-        "additionalProperties": item.schema(known) or True, "type": "object"},
-        types.MappingProxyType({}))
+    return PLAIN[hint]
 
 
 def reader_of_class(kind: Any) -> Reader:
@@ -268,7 +161,7 @@ def reader_of_class(kind: Any) -> Reader:
         for f in shape(kind):
             one = unknown.pop(f.key, None)
             if one is not None:
-                found[f.name] = _read_at(f.key, f.reader, one, bounded)
+                found[f.name] = read_at(f.key, f.reader, one, bounded)
             elif f.key in value and plain(f.default()) is None:
                 found[f.name] = f.default()
         made = object.__new__(kind)
@@ -381,37 +274,3 @@ def fields_in_units(kind: Any, there: Mapping[str, Any], units: Units) -> Json:
         if quantity.of in fields:
             changed[quantity.of] = units.name(name)
     return changed
-
-
-def json_text(obj: object) -> str:
-    """Return JSON: nan and inf become null, numpy and dataclasses plain data."""
-    return json.dumps(plain(obj), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def plain(obj: object) -> Any:
-    """Return ``obj`` as what JSON can hold."""
-    if isinstance(obj, str):
-        return obj if isinstance(obj, Note) else str(obj)
-    if obj is None or isinstance(obj, bool | int):
-        return obj
-    if isinstance(obj, np.bool_):
-        return bool(obj)
-    if isinstance(obj, np.integer):
-        return int(obj)
-    if isinstance(obj, float | np.floating):
-        return float(obj) if math.isfinite(obj) else None
-    if isinstance(obj, np.ndarray):
-        return [plain(v) for v in obj.tolist()] if obj.ndim else plain(obj.item())
-    if isinstance(obj, Mapping):
-        return {str(k): plain(v) for k, v in obj.items()}
-    if dataclasses.is_dataclass(obj) and not isinstance(obj, type):
-        return {f.name: plain(getattr(obj, f.name)) for f in dataclasses.fields(obj)}
-    if isinstance(obj, Sequence | set | frozenset):
-        return [plain(v) for v in obj]
-    return str(obj)
-
-
-_PLAIN: dict[Any, Reader] = {
-    float: _number(math.inf), int: Reader(_whole, lambda _: {"type": "integer"}, 0),
-    str: _is(str, "text", "string"), bool: _is(bool, "true or false", "boolean"),
-    Any: Reader(lambda value, bounded: value, lambda _: {})}

@@ -382,27 +382,6 @@ def taken(rows: Array, keep: Ints | Bools) -> Array:
     return np.broadcast_to(rows[:1], (count, *rows.shape[1:]))
 
 
-def ways(q: Array) -> Array:
-    """Return the direction from the row before (N, k), +-1; a joint at rest keeps its last.
-
-    nan until a joint has moved for the first time; values that are missing are passed over.
-
-    >>> ways(np.array([[1.0], [2.0], [np.nan], [2.0], [1.5]])).ravel().tolist()
-    [nan, 1.0, 1.0, 1.0, -1.0]
-    """
-    if not len(q):
-        return np.array(q)
-    rows = np.arange(len(q))[:, None]
-    known = np.isfinite(q)
-    seen = np.maximum.accumulate(np.where(known, rows, -1), axis=0)
-    before = np.concatenate([np.full((1, q.shape[1]), -1), seen])[:len(q)]
-    start = np.take_along_axis(q, np.maximum(before, 0), axis=0)
-    move = np.where(known & (before >= 0), np.sign(np.where(known, q, 0.0) - start), 0.0)
-    last = np.maximum.accumulate(np.where(move != 0.0, rows, -1), axis=0)
-    found = np.take_along_axis(move, np.maximum(last, 0), axis=0)
-    return np.where(last >= 0, found, np.nan)
-
-
 def logsumexp(values: ArrayLike, axis: int | tuple[int, ...] | None = None) -> Array:
     """Return the logarithm of the sum of exponentials, -inf of nothing.
 

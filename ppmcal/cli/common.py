@@ -249,7 +249,7 @@ class Console:
     def summary(self, content: Mapping[str, Any]) -> None:
         """Print the summary where ``--json`` asks for it."""
         if self.as_json:
-            from ppmcal.codec import json_text
+            from ppmcal.plain import json_text
 
             with aside():
                 # what UTF-8 cannot hold, as JSON has it

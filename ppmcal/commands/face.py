@@ -12,10 +12,10 @@ from numbers import Integral
 from pathlib import Path
 from typing import Any
 
-from ppmcal.codec import LARGEST_WHOLE
 from ppmcal.commands import command, folder, functions, names, work
 from ppmcal.commands.spec import CONSOLE, Arguments, Command, Face, Refusal, Taken, taken
 from ppmcal.errors import BadInput, PpmcalError
+from ppmcal.plain import LARGEST_WHOLE
 from ppmcal.store.provenance import as_json, recording
 from ppmcal.wording.progress import no_progress, reports_progress
 

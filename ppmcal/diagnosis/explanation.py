@@ -9,7 +9,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.calibration.fit import Fit, FitOptions, rows_with_outliers
 from ppmcal.diagnosis.at_sessions import with_sessions
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.cause_sizes import LINEAR, CauseSizes, between_points, sizes
@@ -233,7 +233,7 @@ def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None)
     What was found is fitted with the geometry, and asked again at that fit, until it stays. What is
     too large for its derivatives is fitted before another cause is asked for.
     """
-    keep = thinned(fit.problem, [k | o for k, o in zip(fit.keep, fit.outliers, strict=True)])
+    keep = thinned(fit.problem, rows_with_outliers(fit))
     ask = partial(_asked, fit, keep=keep, everywhere=all_settings(fit), kinds=kinds)
     rounds = [ask(fit, (), large=True)]
     while True:

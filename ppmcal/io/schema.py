@@ -18,8 +18,8 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError, core_schema
 
-from ppmcal.codec import LARGEST_WHOLE
 from ppmcal.errors import BadInput, refuse_unknown, unknown
+from ppmcal.plain import LARGEST_WHOLE
 from ppmcal.units import ANGLES, LENGTHS, Units
 
 T = TypeVar("T", bound=BaseModel)

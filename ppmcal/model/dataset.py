@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.linalg import Array, Bools, Ints, row_by_row, taken, ways
-from ppmcal.model.history import History, history_of, straight
+from ppmcal.linalg import Array, Bools, Ints, row_by_row, taken
+from ppmcal.model.history import History, history_of, straight, ways
 from ppmcal.model.instruments import POSE, InstrumentKind
 from ppmcal.model.recorded import RecordedForm
 from ppmcal.model.registration import DefinedFrame

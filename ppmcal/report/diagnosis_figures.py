@@ -16,13 +16,12 @@ from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import (
     actuators,
     effect_name,
-    gap_closed,
     group_name,
     learned_name,
-    left_out_poses,
     together,
 )
 from ppmcal.io.results.learned_parts import LearnedEntry
+from ppmcal.io.results.left_out_wording import gap_closed, left_out_poses
 from ppmcal.linalg import Array
 from ppmcal.plotting.bars import Chart, Row, ratio_ticks
 from ppmcal.plotting.canvas import HEIGHT, Drawing

@@ -15,8 +15,8 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from ppmcal.codec import json_text
 from ppmcal.io.results.tables import finite_number
+from ppmcal.plain import json_text
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.web import spec, told
 

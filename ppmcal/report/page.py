@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ppmcal import __version__
-from ppmcal.codec import plain
+from ppmcal.plain import plain
 from ppmcal.report.html import definitions, exact, number_cell, table, text_cell, typeset
 from ppmcal.report.kinds import IN_ORDER, KINDS
 from ppmcal.report.records import ReportData

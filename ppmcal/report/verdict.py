@@ -12,16 +12,12 @@ from ppmcal.calibration.fit import LARGER
 from ppmcal.calibration.knowledge import FAR, FAR_BECAUSE
 from ppmcal.io.results.commands import CommandsRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
-from ppmcal.io.results.diagnosis_wording import (
-    cause_probability,
-    gap_closed,
-    left_out_error,
-    next_step,
-)
+from ppmcal.io.results.diagnosis_wording import cause_probability, next_step
 from ppmcal.io.results.diagnosis_wording import headline as diagnosis_headline
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import Summaries
 from ppmcal.io.results.identification_wording import noise_verdict
+from ppmcal.io.results.left_out_wording import gap_closed, left_out_error
 from ppmcal.io.results.parts import ErrorChange, ErrorSize
 from ppmcal.io.results.truth import ComparedMachines
 from ppmcal.model.instruments import find_instrument

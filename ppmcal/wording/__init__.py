@@ -138,6 +138,16 @@ def number(value: float | None, digits: int = 4) -> str:
     return "-" if value is None or math.isnan(value) else f"{value:.{digits}g}"
 
 
+def known(value: float | None) -> float | None:
+    """Return a number that can be said, else None: files may hold nan."""
+    return value if value is not None and math.isfinite(value) else None
+
+
+def percent(part: float) -> str:
+    """Return ``34 %`` of a part of 1."""
+    return f"{100.0 * part:.0f} %"
+
+
 def too_long(ratio: float) -> str:
     """Return ``0.4 % too short``, where ``ratio`` is of what is shown over what is true."""
     return f"{100.0 * abs(ratio - 1.0):.2g} % too {'long' if ratio > 1.0 else 'short'}"

@@ -10,8 +10,8 @@ from helpers.redundant import belts, cables, gapped, machine, rope_cage, stewart
 
 from ppmcal.calibration.fit import column_scale
 from ppmcal.calibration.fit.normal_equations import normal_sums, row_squares, white_blocks
-from ppmcal.calibration.fit.outliers import distances
 from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.fit.row_distances import distances
 from ppmcal.kinematics import compiled_limbs
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import moved

@@ -26,8 +26,8 @@ from ppmcal.calibration.fit.linearisation import (
     summed_step,
 )
 from ppmcal.calibration.fit.normal_equations import normal_sums, row_squares, white_blocks
-from ppmcal.calibration.fit.outliers import _freed, distances
 from ppmcal.calibration.fit.problem import Problem, State
+from ppmcal.calibration.fit.row_distances import _freed, distances
 from ppmcal.kinematics import compiled_limbs
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward

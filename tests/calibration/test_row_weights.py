@@ -23,7 +23,7 @@ from ppmcal.calibration.fit import (
     values_taken,
 )
 from ppmcal.calibration.fit.normal_equations import normal_sums, row_squares
-from ppmcal.calibration.fit.outliers import Distances
+from ppmcal.calibration.fit.row_distances import Distances
 from ppmcal.calibration.fit.row_weighing import fit_rows
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.inference.priors import NO_WEIGHT

@@ -36,6 +36,7 @@ from ppmcal.io.results.diagnosis_parts import (
     SuspectedEffect,
 )
 from ppmcal.io.results.learned_parts import LearnedEntry
+from ppmcal.io.results.left_out_wording import gap_closed, predicted
 from ppmcal.model.effects import find_effect
 from ppmcal.model.motions import SPATIAL
 from ppmcal.report.diagnosis import diagnosis_section
@@ -190,7 +191,7 @@ def test_the_same_sentences_on_the_console_and_in_the_report() -> None:
     section = diagnosis_section(Diagnosed("d", found.whole, None))
     page = " ".join(unescape(html_of(section)).split())
     step = wording.next_step(found.whole)
-    for sentence in (wording.gap_closed(found.whole), wording.predicted(found.whole)):
+    for sentence in (gap_closed(found.whole), predicted(found.whole)):
         assert sentence.endswith(".")
         assert sentence in said
         assert sentence in page

@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 
 import ppmcal
-from ppmcal.codec import WrongKind, decoded, encoded, in_units, json_text, schema, unsaid
+from ppmcal.codec import decoded, encoded, in_units, schema, unsaid
 from ppmcal.errors import BadInput
 from ppmcal.io.results.record import Part, Whole
 from ppmcal.io.results.units import COLUMN, JOINT, MachineUnits
+from ppmcal.plain import WrongKind, json_text
 from ppmcal.units import AtMost, ByCoordinate, Finite, Key, Length, OfUnit, OrNull, Quantity, Units
 
 MM = Units("mm", "deg")

@@ -29,10 +29,10 @@ from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.needed_columns import ORDER, missing_columns
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.kinematics.tables import inverse_table, with_joints
-from ppmcal.linalg import Array, ways
+from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset, environment
 from ppmcal.model.effects import effect_kinds
-from ppmcal.model.history import lagged, slack
+from ppmcal.model.history import lagged, slack, ways
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import PLANAR
 from ppmcal.model.registration import Registration

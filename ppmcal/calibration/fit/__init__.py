@@ -81,19 +81,14 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.observation import values_per_row as values_per_row
     from ppmcal.calibration.fit.other_branch import branch_findings as branch_findings
     from ppmcal.calibration.fit.other_branch import in_other_branch as in_other_branch
-    from ppmcal.calibration.fit.outliers import Distances as Distances
     from ppmcal.calibration.fit.outliers import GrossError as GrossError
     from ppmcal.calibration.fit.outliers import GrossErrors as GrossErrors
     from ppmcal.calibration.fit.outliers import UncheckedRows as UncheckedRows
-    from ppmcal.calibration.fit.outliers import distances as distances
-    from ppmcal.calibration.fit.outliers import explained_distances as explained_distances
     from ppmcal.calibration.fit.outliers import find_gross_errors as find_gross_errors
     from ppmcal.calibration.fit.outliers import gross_errors as gross_errors
     from ppmcal.calibration.fit.outliers import gross_mask as gross_mask
-    from ppmcal.calibration.fit.outliers import huber_weights as huber_weights
     from ppmcal.calibration.fit.outliers import rows_with_outliers as rows_with_outliers
     from ppmcal.calibration.fit.outliers import single_gross_rows as single_gross_rows
-    from ppmcal.calibration.fit.outliers import toleranced as toleranced
     from ppmcal.calibration.fit.prior_information import BENT as BENT
     from ppmcal.calibration.fit.prior_information import SEEN as SEEN
     from ppmcal.calibration.fit.prior_information import PoseResiduals as PoseResiduals
@@ -128,6 +123,11 @@ if TYPE_CHECKING:
     )
     from ppmcal.calibration.fit.registration_freedoms import surely as surely
     from ppmcal.calibration.fit.response import Response as Response
+    from ppmcal.calibration.fit.row_distances import Distances as Distances
+    from ppmcal.calibration.fit.row_distances import distances as distances
+    from ppmcal.calibration.fit.row_distances import explained_distances as explained_distances
+    from ppmcal.calibration.fit.row_distances import huber_weights as huber_weights
+    from ppmcal.calibration.fit.row_distances import toleranced as toleranced
     from ppmcal.calibration.fit.secondary_analyses import FAILURES as FAILURES
     from ppmcal.calibration.fit.secondary_analyses import LEFT_OUT as LEFT_OUT
     from ppmcal.calibration.fit.secondary_analyses import left_out_note as left_out_note

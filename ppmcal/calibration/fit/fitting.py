@@ -24,9 +24,10 @@ from ppmcal.calibration.fit.linearisation import (
 )
 from ppmcal.calibration.fit.normal_equations import normal_sums
 from ppmcal.calibration.fit.observation import coordinates, shown
-from ppmcal.calibration.fit.outliers import beyond_weight, distances, gross_errors, huber_weights
+from ppmcal.calibration.fit.outliers import gross_errors
 from ppmcal.calibration.fit.problem import Problem, State
 from ppmcal.calibration.fit.regularization import damped, gcv_scale
+from ppmcal.calibration.fit.row_distances import beyond_weight, distances, huber_weights
 from ppmcal.calibration.fit.row_weighing import fit_rows, weighed
 from ppmcal.calibration.fit.unsolved_rows import NO_POSE, with_unsolved
 from ppmcal.errors import BadInput, NoResult

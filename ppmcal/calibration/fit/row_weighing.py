@@ -21,8 +21,8 @@ from ppmcal.calibration.fit.fit_result import (
 )
 from ppmcal.calibration.fit.gauss_newton import Minimum, least_squares
 from ppmcal.calibration.fit.linearisation import SquareRootInformation, column_scale, qr_factor
-from ppmcal.calibration.fit.outliers import Distances, distances
 from ppmcal.calibration.fit.problem import Problem, State
+from ppmcal.calibration.fit.row_distances import Distances, distances
 from ppmcal.calibration.fit.unsolved_rows import NO_POSE
 from ppmcal.inference.priors import NO_WEIGHT
 from ppmcal.linalg import Array, Bools, finite_rows

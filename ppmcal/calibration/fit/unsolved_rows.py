@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.calibration.fit.fit_result import Fit, prediction_covariance
-from ppmcal.calibration.fit.outliers import distances
+from ppmcal.calibration.fit.row_distances import distances
 from ppmcal.inference.priors import NO_WEIGHT
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import settle

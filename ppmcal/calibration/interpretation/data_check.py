@@ -41,8 +41,9 @@ from ppmcal.kinematics.needed_columns import remembers
 from ppmcal.kinematics.partial_pose import named_only
 from ppmcal.kinematics.singular_structure import singular_structure
 from ppmcal.kinematics.tables import SINGULAR_HOME, home_singular_value, inverse_table
-from ppmcal.linalg import Array, range_basis, ways
+from ppmcal.linalg import Array, range_basis
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.history import ways
 from ppmcal.model.mechanism import Mechanism, joint_points
 from ppmcal.notes import Note, about, of_column
 from ppmcal.wording import pluralize

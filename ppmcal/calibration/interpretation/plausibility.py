@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.kinematics.inverse import home_state
-from ppmcal.linalg import Array, ways
+from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.history import ways
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import Note, of_column
 from ppmcal.wording import row_list

@@ -53,17 +53,13 @@ from ppmcal.io.results.diagnosis_parts import (
 )
 from ppmcal.io.results.diagnosis_wording import (
     actuators,
-    another_day,
     confounded,
-    gap_closed,
     headline,
     learned,
-    learned_gap,
     name_of,
     next_step,
     onset,
     own_values,
-    predicted,
     probable,
     rivals,
     side,
@@ -74,6 +70,7 @@ from ppmcal.io.results.diagnosis_wording import (
     verdict,
 )
 from ppmcal.io.results.interpretation import misreading_entries
+from ppmcal.io.results.left_out_wording import another_day, gap_closed, learned_gap, predicted
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.sessions import one_session, session_masks

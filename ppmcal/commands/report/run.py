@@ -8,13 +8,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ppmcal.codec import json_text
 from ppmcal.commands.inputs import imports_behind, load
 from ppmcal.commands.report.options import ReportArguments
 from ppmcal.commands.result import Result
 from ppmcal.controllers import uses
 from ppmcal.errors import BadInput
 from ppmcal.io import csv_text
+from ppmcal.plain import json_text
 from ppmcal.report import collect, to_html, to_json
 from ppmcal.report.records import Identified, ReportData
 from ppmcal.store.provenance import source_of

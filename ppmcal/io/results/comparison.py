@@ -19,7 +19,7 @@ from ppmcal.io.results.units import COLUMN, MachineUnits
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.store.provenance import Provenance
 from ppmcal.units import Key, OfUnit
-from ppmcal.wording import abbreviate_list, pluralize
+from ppmcal.wording import abbreviate_list, percent, pluralize
 
 SHOWN = 4
 FITS_DIFFER = 2.5
@@ -238,7 +238,7 @@ def noise_sentence(r: ComparisonRecord) -> str:
         return ""
     parts = []
     if r.alike > ALIKE:
-        parts.append(f"{100.0 * r.alike:.0f} % of the model's error is common to both, so it is "
+        parts.append(f"{percent(r.alike)} of the model's error is common to both, so it is "
                      "not a change.")
     times = [f"{v:.3g} times what the files state in the {label} calibration"
              for label, v in (("old", r.noise_old), ("new", r.noise_new)) if v > HIDING]

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
-from ppmcal.diagnosis.left_out_schemes import SESSION
-from ppmcal.diagnosis.result import LeftOutBlocks
 from ppmcal.io.results.diagnosis import DiagnosisRecord
-from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, HeldOutGap
+from ppmcal.io.results.diagnosis_parts import DiagnosedEffect
 from ppmcal.io.results.learned_parts import LearnedEntry
-from ppmcal.io.results.validation import effects_sentence, model_sentence
 from ppmcal.model.effects import GEOMETRY, effect_kinds
-from ppmcal.wording import actuator_list, causes, number, pluralize, rate, shorten_label
+from ppmcal.wording import (
+    actuator_list,
+    causes,
+    known,
+    number,
+    percent,
+    pluralize,
+    rate,
+    shorten_label,
+)
 
 VERDICTS = {
     "misread": "The measurements were read wrongly; nothing was diagnosed.",
@@ -202,7 +207,7 @@ def unknown_causes(record: DiagnosisRecord) -> str:
 
 def probable(probability: float | None) -> str:
     """Return ``probability 0.97``, never one of 1."""
-    p = finite(probability)
+    p = known(probability)
     if p is None:
         return ""
     return "probability above 0.999" if p > 0.999 else f"probability {max(p, 0.001):.3g}"
@@ -211,14 +216,14 @@ def probable(probability: float | None) -> str:
 def cause_probability(record: DiagnosisRecord) -> str:
     """Return how probable what is named is, of all that may be there instead; else empty."""
     each = [s.probability for s in record.sets[:1]] or [e.probability for e in record.effects]
-    told = [p for v in each if (p := finite(v)) is not None]
+    told = [p for v in each if (p := known(v)) is not None]
     what = "cause has" if len(together(record)) == 1 else "causes have"
     return f"the named {what} {probable(min(told))}" if told and record.effects else ""
 
 
 def tried_sets(record: DiagnosisRecord) -> str:
     """Return the explanations that compete, likeliest first; empty where one is likely."""
-    each = sorted(((p, s) for s in record.sets if (p := finite(s.probability)) is not None),
+    each = sorted(((p, s) for s in record.sets if (p := known(s.probability)) is not None),
                   key=lambda pair: -pair[0])
     told = [(p, s) for p, s in each if p >= LIKELY][:FEW_SETS]
     if not told:
@@ -234,75 +239,7 @@ def tried_sets(record: DiagnosisRecord) -> str:
     if len(named) < 2:
         return ""
     return (f"{len(named)} explanations{beside}: " + "; ".join(
-        f"({n}) {name}, {_percent(p)}" for n, (name, p) in enumerate(named.items(), 1)) + ".")
-
-
-def gap_closed(record: DiagnosisRecord) -> str:
-    """Return how much of the gap is closed on held-out poses, empty where that is unknown."""
-    gap = record.gap
-    before, after = finite(gap.before), finite(gap.after)
-    if before is None or after is None:
-        return ""
-    if not record.effects and abs(before - after) < 1e-9:
-        return f"On {left_out_poses(gap)}, residuals are {_ratio(before)} times the noise."
-    text = (f"On {left_out_poses(gap)} (though used to choose the names), residuals "
-            f"{'drop' if after <= before else 'rise'} from {_ratio(before)} to {_ratio(after)} "
-            "times the noise")
-    closed = finite(gap.closed)
-    if closed is None:
-        return f"{text}; nothing exceeded the noise before."
-    return f"{text}: {_percent(closed)} of the excess error is explained{_interval(gap)}."
-
-
-def predicted(record: DiagnosisRecord) -> str:
-    """Return how rows left out are predicted, empty where geometry is all that is likely."""
-    told = [b for b in record.predictive if b.gain_sigma > 0.0]
-    if not told:
-        return ""
-    first, least = told[0], min(told, key=lambda b: b.gain)
-    text = (f"Cross-validation error, {_portion(first.by)} left out at a time: "
-            f"{_ratio(first.averaged.error)} times the noise with all likely effects, "
-            f"{_ratio(first.geometry.error)} with geometry alone; log score {_gain(first)}")
-    return text + (f", by {least.by} {_gain(least)}" if least is not first else "") + "."
-
-
-def left_out_error(record: DiagnosisRecord) -> str:
-    """Return how well rows are predicted that were left out, empty where that is not known."""
-    now, then = finite(record.gap.after), finite(record.gap.before)
-    where = f"error on {left_out_poses(record.gap)}"
-    if record.predictive:
-        found = record.predictive[0]
-        now, then = finite(found.averaged.error), finite(found.geometry.error)
-        where = f"cross-validation error ({_portion(found.by)} left out at a time)"
-    if now is None:
-        return ""
-    alone = "" if then is None or then == now else f", {_ratio(then)} with geometry alone"
-    return f"{where} {_ratio(now)} times the noise{alone}"
-
-
-def another_day(record: DiagnosisRecord) -> list[str]:
-    """Return how each session is predicted from the others, or that none shows what is named."""
-    if record.effects and not record.validation:
-        return ["No second session here shows whether this holds on another day: measure one "
-                "(ppmcal validate)."]
-    return [f"From the other sessions, {model_sentence(day)} {effects_sentence(day)}".strip()
-            for day in record.validation]
-
-
-def _portion(by: str) -> str:
-    return f"one {by}" if by in ("pose", SESSION) else f"a third of the rows by {by}"
-
-
-def _gain(found: LeftOutBlocks) -> str:
-    return f"{found.gain:+.1f} +- {found.gain_sigma:.1f}"
-
-
-def left_out_poses(gap: HeldOutGap) -> str:
-    """Return ``16 poses kept out of the fits``: those that sizes were not fitted to.
-
-    What is named, or learned, was chosen with their help, so they are not called unseen.
-    """
-    return f"{gap.poses or ''} poses kept out of the fits".strip()
+        f"({n}) {name}, {percent(p)}" for n, (name, p) in enumerate(named.items(), 1)) + ".")
 
 
 def learned(record: DiagnosisRecord) -> list[str]:
@@ -332,20 +269,6 @@ def learned_name(record: DiagnosisRecord, entry: LearnedEntry) -> str:
     return f"{what}{source}" + (", with the sign of the approach" if entry.by else "")
 
 
-def learned_gap(record: DiagnosisRecord) -> str:
-    """Return what held-out poses say of all that was learned, empty where nothing was."""
-    if not record.learned:
-        return ""
-    gap = record.learned[0].gap
-    before, after, closed = (finite(v) for v in (gap.before, gap.after, gap.closed))
-    if before is None or after is None:
-        return ""
-    tail = "" if closed is None else f": {_percent(closed)} of the excess error is explained"
-    return (f"With what was learned, residuals on {left_out_poses(gap)} (though used to choose "
-            f"what is kept) go from {_ratio(before)} to {_ratio(after)} times the noise"
-            f"{tail}{_interval(gap)}.")
-
-
 LOOKS = {"even": "alike on both sides of its middle (an even function)",
          "odd": "opposite on both sides of its middle (an odd function)"}
 """What functions are called, in plain words."""
@@ -357,18 +280,6 @@ def _look(entry: LearnedEntry) -> str:
     like = [f"{n.get('effect', '')} (cosine {number(n.get('cosine'), 2)})" for n in entry.near[:1]]
     return (f"; it looks {', '.join(words)}" if words else "") + (
         f"; nearest in the library: {like[0]}" if like else "")
-
-
-def unconfirmed(record: DiagnosisRecord) -> str:
-    """Return that what was left out of the fits does not bear the effects out."""
-    return ("Sessions left out of the fits in turn do not bear the effects out."
-            if record.validation else "The held-out poses alone do not prove the improvement.")
-
-
-def _interval(gap: HeldOutGap) -> str:
-    ends = [end for v in gap.interval or () if (end := finite(v)) is not None]
-    return (f" (95 % interval: {_percent(ends[0])} to {_percent(ends[1])})" if len(ends) == 2
-            else "")
 
 
 def confounded(record: DiagnosisRecord) -> str:
@@ -387,27 +298,13 @@ def next_step(record: DiagnosisRecord) -> str:
     if record.next_file:
         much = f" ({pluralize(record.next_rows, 'row')})" if record.next_rows else ""
         out.append(f"They are in {record.next_file}{much}.")
-        before, after = finite(record.odds_before), finite(record.odds_after)
+        before, after = known(record.odds_before), known(record.odds_after)
         if before and after and (before, after) != (1.0, 1.0):  # else there are no two
             lead = max(before, 1.0 / before)
             out.append(f"The likelier of the two is ahead by odds of {_odds(lead)} to 1 now. With "
                        "these rows the true one, even if it is the other, should be ahead by "
                        f"{_odds(after)} to 1 or more.")
     return " ".join(out)
-
-
-def finite(value: float | None) -> float | None:
-    """Return a number that can be said, else None: files may hold nan."""
-    return value if value is not None and math.isfinite(value) else None
-
-
-def _ratio(value: float) -> str:
-    """Return three digits: ``0.940``, ``3.10``, ``21.9``."""
-    return f"{value:#.3g}".rstrip(".")
-
-
-def _percent(part: float) -> str:
-    return f"{100.0 * part:.0f} %"
 
 
 def _odds(odds: float) -> str:

@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self, dataclass_transform
 
 from ppmcal import codec
-from ppmcal.codec import AGAIN, Reader, WrongKind, json_text, plain, reader_of
+from ppmcal.codec import AGAIN, reader_of
 from ppmcal.errors import BadInput
 from ppmcal.io.csv_writer import csv_lines
 from ppmcal.io.json import read_object
+from ppmcal.plain import Reader, WrongKind, json_text, plain
 from ppmcal.store.output import LongText
 from ppmcal.store.provenance import Provenance
 from ppmcal.units import SI, Units, as_now
