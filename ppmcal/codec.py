@@ -23,7 +23,10 @@ from inspect import cleandoc
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
+import numpy as np
+
 from ppmcal.errors import BadInput
+from ppmcal.linalg import Array
 from ppmcal.plain import (
     PLAIN,
     Json,
@@ -252,7 +255,8 @@ def in_units(value: T, units: Units) -> T:
     if not dataclasses.is_dataclass(value) or hasattr(value, "given"):
         return value
     kind: Any = type(value)
-    there = fields_in_units(kind, {f.name: getattr(value, f.name) for f in shape(kind)}, units)
+    there = fields_in_units(kind, {n: getattr(value, n) for f in shape(kind) for n in (
+        f.name, f.quantity.of if f.quantity else "") if n}, units)
     found: T = reader_of_class(kind).read(
         {f.key: encoded(there[f.name]) for f in shape(kind)}, False)
     return found
@@ -270,7 +274,46 @@ def fields_in_units(kind: Any, there: Mapping[str, Any], units: Units) -> Json:
             changed.setdefault(f.name, in_units(own, units))
             continue
         name = there[quantity.of] if quantity.of else quantity.name
+        if f.reader.axes and quantity.of:
+            changed[f.name] = _along(own, quantity, units.factors(name), False)
+            continue
         changed[f.name] = quantity.of_file(own, name, units)
         if quantity.of in fields:
             changed[quantity.of] = units.name(name)
     return changed
+
+
+def in_si(value: T, units: Units) -> T:
+    """Return a finding, read in the units of a file, SI: its arrays, and what else has a quantity.
+
+    Raises:
+        ValueError: rows of an array that are not alike, or not as long as what they are of.
+    """
+    if isinstance(value, tuple):
+        return tuple(in_si(v, units) for v in value)  # type: ignore[return-value]
+    if not dataclasses.is_dataclass(value):
+        return value
+    kind: Any = type(value)
+    there: Json = {}
+    for f in shape(kind):
+        own, quantity = in_si(getattr(value, f.name), units), f.quantity
+        factors = units.factors(getattr(value, quantity.of)) if quantity and quantity.of else []
+        if f.reader.axes:
+            own = np.array(own, dtype=float) if own or f.reader.axes == 1 else np.zeros(
+                (0, len(factors)))
+        if quantity is not None:
+            own = _along(own, quantity, factors, True) if quantity.of else (
+                own * units.factor(quantity.name))
+        there[f.name] = own
+    found: T = kind(**there)
+    return found
+
+
+def _along(values: Array, quantity: Quantity, factors: list[float], back: bool) -> Array:
+    """Return an array (..., n) whose last axis has these ``factors``, in file units or ``back``."""
+    factor = np.outer(factors, factors) if quantity.square else np.array(factors)
+    if not values.size and not quantity.square:
+        return values
+    if values.shape[-factor.ndim:] != factor.shape:
+        raise ValueError("another size")
+    return np.asarray(values * factor if quantity.per != back else values / factor)

@@ -7,12 +7,14 @@ import json
 import math
 import types
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, TypeVar
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 
+from ppmcal.linalg import Array
 from ppmcal.notes import Note
+from ppmcal.units import LARGEST
 
 LARGEST_WHOLE = 2 ** 53
 """Up to here a float holds every whole number."""
@@ -44,12 +46,13 @@ class Reader:
 
     ``read`` takes plain data, and whether they come from a file, so that bounds hold; it raises
     :class:`WrongKind`. ``schema`` takes the definitions, to which it may add. ``blank`` stands
-    where a key is missing and the class has no default.
+    where a key is missing and the class has no default. ``axes``: of what is an array in SI.
     """
 
     read: Callable[[Any, bool], Any]
     schema: Callable[[Json], Json]
     blank: Any = None
+    axes: int = 0
 
 
 def number_up_to(largest: float) -> Reader:
@@ -171,3 +174,9 @@ PLAIN: dict[Any, Reader] = {
     float: number_up_to(math.inf), int: Reader(_whole, lambda _: {"type": "integer"}, 0),
     str: _is(str, "text", "string"), bool: _is(bool, "true or false", "boolean"),
     Any: Reader(lambda value, bounded: value, lambda _: {})}
+
+_NUMBERS = list_of(or_none(number_up_to(LARGEST)))
+Line = Annotated[Array, replace(_NUMBERS, axes=1)]
+"""An array (n,): a list in a file, null for nan."""
+Rows = Annotated[Array, replace(list_of(_NUMBERS), axes=2)]
+"""An array (n, m): a list of rows in a file."""

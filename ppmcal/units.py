@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar
 
@@ -40,6 +40,10 @@ class Units:
         """
         above, _, below = quantity.partition("/")
         return self._one(above) / self._one(below)
+
+    def factors(self, quantities: Sequence[str]) -> list[float]:
+        """Return the SI value of one file unit of each number along an axis of an array."""
+        return [self.factor(q) for q in quantities]
 
     def name(self, quantity: str) -> str:
         """Return the unit's name: ``mm``, ``N/mm``, ``mm/(N m)``; empty for a bare number."""
@@ -92,13 +96,17 @@ class Quantity:
 
     Attributes:
         name: as :meth:`Units.factor` knows it, empty for a bare number.
-        of: the field beside it that says so, in place of ``name``.
+        of: the field beside it that says so, in place of ``name``; of an array what of the finding
+            has the quantities of the numbers along its last axis.
         digits: with which a file has it, where that is for pictures; 0 for all.
+        per: an array's numbers are per unit of these quantities; ``square``: products of two.
     """
 
     name: str = ""
     of: str = ""
     digits: int = 0
+    per: bool = False
+    square: bool = False
 
     def of_file(self, value: Any, name: str, units: Units) -> Any:
         """Return a value of a quantity ``name``, or such in lists and mappings, in file units."""
@@ -120,6 +128,10 @@ class Quantity:
 
 COORDINATE = "coordinate"
 """The quantity of a mapping by pose coordinates: each its own."""
+COLUMN = "column "
+"""Before the name of a column of a fit: its own quantity."""
+PARAMETERS, JOINTS = "parameters", "joints"
+"""Of an array: the quantities of all parameters that were fitted, and of all joints."""
 
 
 ANGLES_SEEN = ("rx", "ry", "rz", "roll", "pitch")

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Annotated, ClassVar
 
 import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.linalg import Array
+from ppmcal.plain import Rows
+from ppmcal.units import Quantity
 
 
 @dataclass(frozen=True)
@@ -22,7 +25,8 @@ class DefinedFrame:
     """
 
     by: str
-    covariance: Array
+    covariance: Annotated[Rows, Quantity(of="motion", square=True)]
+    motion: ClassVar = ("length",) * 3 + ("angle",) * 3
 
     @property
     def size(self) -> float:

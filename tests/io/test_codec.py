@@ -13,12 +13,23 @@ import numpy as np
 import pytest
 
 import ppmcal
-from ppmcal.codec import decoded, encoded, in_units, schema, unsaid
+from ppmcal.codec import decoded, encoded, in_si, in_units, schema, unsaid
 from ppmcal.errors import BadInput
 from ppmcal.io.results.record import Part, Whole
-from ppmcal.io.results.units import COLUMN, JOINT, MachineUnits
-from ppmcal.plain import WrongKind, json_text
-from ppmcal.units import AtMost, ByCoordinate, Finite, Key, Length, OfUnit, OrNull, Quantity, Units
+from ppmcal.io.results.units import JOINT, MachineUnits
+from ppmcal.plain import Line, Rows, WrongKind, json_text
+from ppmcal.units import (
+    COLUMN,
+    AtMost,
+    ByCoordinate,
+    Finite,
+    Key,
+    Length,
+    OfUnit,
+    OrNull,
+    Quantity,
+    Units,
+)
 
 MM = Units("mm", "deg")
 Own = Annotated[float, Quantity(of="unit")]
@@ -63,6 +74,60 @@ def test_a_finding_is_written_in_file_units_and_reads_back() -> None:
     assert again == told and encoded(again) == encoded(told)
     # what is in file units stays in them
     assert in_units(told, MM) == told and in_units(told.rods[0], Units("m", "rad")) == told.rods[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Sag:
+    """How far points of rods sag, by rod and point, and what that says of lengths."""
+
+    names: tuple[str, ...]
+    sag: Annotated[Rows, Quantity(of="axes")]
+    turn: Annotated[float, Quantity("angle")]
+    per: Annotated[Rows, Quantity(of="axes", per=True), Key("by.each")]
+    spread: Annotated[Rows, Quantity(of="axes", square=True)]
+    load: Line
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        return tuple("angle" if n == "turn" else "length" for n in self.names)
+
+
+SAG = Sag(("x", "turn"), np.array([[0.1, 0.2], [math.nan, 0.4]]), 0.3, np.array([[5.0, 6.0]]),
+          np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([7.0, math.nan]))
+DEGREE = math.pi / 180.0
+
+
+def test_arrays_are_in_the_units_of_their_columns_and_read_back() -> None:
+    told = encoded(in_units(SAG, MM))
+    assert told == {
+        "names": ["x", "turn"], "sag": [[0.1 / 1e-3, 0.2 / DEGREE], [None, 0.4 / DEGREE]],
+        "turn": 0.3 / DEGREE, "by": {"each": [[5.0 * 1e-3, 6.0 * DEGREE]]},
+        "spread": [[1.0 / (1e-3 * 1e-3), 2.0 / (1e-3 * DEGREE)],
+                   [3.0 / (1e-3 * DEGREE), 4.0 / (DEGREE * DEGREE)]], "load": [7.0, None]}
+    again = in_si(read(json.loads(json_text(told)), Sag), MM)
+    assert again.names == SAG.names and again.turn == pytest.approx(SAG.turn, rel=1e-15)
+    for name in ("sag", "per", "spread", "load"):
+        np.testing.assert_allclose(getattr(again, name), getattr(SAG, name), rtol=1e-15)
+    none = in_si(read({"names": ["x"], "spread": [[1.0]]}, Sag), MM)
+    assert none.sag.shape == (0, 1) and none.load.shape == (0,)
+
+
+@pytest.mark.parametrize("key, value", [
+    ("sag", [[1.0, 2.0], [3.0]]), ("sag", [[1.0]]), ("by", {"each": [[1.0, 2.0, 3.0]]}),
+    ("spread", [[1.0, 2.0]]), ("spread", [])])
+def test_arrays_of_another_size_are_no_arrays(key: str, value: Any) -> None:
+    told = encoded(in_units(SAG, MM)) | {key: value}
+    with pytest.raises(ValueError):
+        in_si(read(told, Sag), MM)
+
+
+@pytest.mark.parametrize("value, place", [
+    (3.0, "sag: should be a list"), ([3.0], "sag[0]: should be a list"),
+    ([[1.0, "a"]], "sag[0][1]: should be a number")])
+def test_what_is_no_array_is_refused_with_its_place(value: Any, place: str) -> None:
+    with pytest.raises(BadInput) as refusal:
+        read({"sag": value}, Sag)
+    assert place.split(": ")[0] in str(refusal.value) and place.split(": ")[1] in str(refusal.value)
 
 
 def test_nan_is_null_and_null_is_nan() -> None:

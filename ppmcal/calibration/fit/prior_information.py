@@ -10,12 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Annotated, ClassVar
 
 import numpy as np
 
 from ppmcal.linalg import Array, range_basis, svd, unit_columns, without_range
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.same_rows import KnownRows
+from ppmcal.plain import Line, Rows
+from ppmcal.units import COLUMN, JOINTS, PARAMETERS, Finite, Key, Quantity
 
 ROUND_OFF = 1e-9
 """Frames and targets that others imitate are so little of their own length apart."""
@@ -65,9 +68,16 @@ class PoseResiduals:
 
     name: str
     kind: str
-    q: Array
-    rest: Array
+    q: Annotated[Rows, Quantity(of="joints"), Key("joints")]
+    rest: Annotated[Rows, Quantity(of="coordinates")]
     rotations: int
+    joints: ClassVar = (JOINTS,)
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """The quantities of the m."""
+        width = len(self.rest[0]) if len(self.rest) else 0
+        return ("length",) * (width - self.rotations) + ("angle",) * self.rotations
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,19 +91,29 @@ class SessionKnowledge:
         noise: what no column explains, over the stated noise.
         spread: the same as estimates scatter by it, pose by pose.
         degrees: its degrees of freedom.
-        sights: the same row by row, by data set.
         single: the rows are the measured ones, in their order.
+        sights: what no column explains row by row, by data set.
     """
 
     names: tuple[str, ...]
-    matrix: Array
-    right: Array
-    scale: Array
-    noise: float
-    spread: float
-    degrees: float
-    sights: tuple[PoseResiduals, ...]
-    single: bool = False
+    matrix: Annotated[Rows, Quantity(of="columns", per=True)]
+    right: Line
+    scale: Annotated[Line, Quantity(of="held_known"), Key("unit_of_columns")]
+    noise: Finite
+    spread: Finite
+    degrees: Finite
+    single: bool
+    sights: Annotated[tuple[PoseResiduals, ...], Key("rows")]
+
+    @property
+    def held_known(self) -> tuple[str, ...]:
+        """The quantities of the c."""
+        return tuple(COLUMN + n for n in self.names)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The quantities of the steps s and of the c."""
+        return (PARAMETERS, *self.held_known)
 
 
 @dataclass(frozen=True, eq=False)

@@ -88,7 +88,7 @@ def session_knowledge(fit: Fit) -> SessionKnowledge:
         matrix, reduced = matrix * sign[:, None], reduced * sign
     sights, spread = _sights(fit, problem, columns, found)
     return SessionKnowledge(columns.names, matrix, reduced, columns.scale, found.noise,
-                            float(np.sqrt(spread)) if degrees > 0 else 1.0, degrees, sights, few)
+                            float(np.sqrt(spread)) if degrees > 0 else 1.0, degrees, few, sights)
 
 
 def _with_left_out(fit: Fit) -> Fit:

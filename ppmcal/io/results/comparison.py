@@ -15,10 +15,10 @@ from ppmcal.io import csv_text
 from ppmcal.io.results.parts import ErrorSize, UncertainValue
 from ppmcal.io.results.record import Finite, Flag, Part, Record, Text, Whole
 from ppmcal.io.results.tables import WrittenTable, finite_number
-from ppmcal.io.results.units import COLUMN, MachineUnits
+from ppmcal.io.results.units import MachineUnits
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.store.provenance import Provenance
-from ppmcal.units import Key, OfUnit
+from ppmcal.units import COLUMN, Key, OfUnit
 from ppmcal.wording import abbreviate_list, percent, pluralize
 
 SHOWN = 4

@@ -17,7 +17,7 @@ from ppmcal.calibration.knowledge import (
     registered,
 )
 from ppmcal.calibration.validation import Dependence, DoubtfulStretch, Identification, definition
-from ppmcal.codec import unsaid
+from ppmcal.codec import in_units, unsaid
 from ppmcal.io import write_mechanism
 from ppmcal.io.results.campaign import CampaignSummary
 from ppmcal.io.results.gross_errors import gross_rows, shift_sentence, would_be
@@ -25,7 +25,6 @@ from ppmcal.io.results.identifiability import sets_of
 from ppmcal.io.results.identification_parts import (
     CorrelatedPair,
     CovarianceEntry,
-    DefinedFrameEntry,
     ErrorStages,
     FittedDataset,
     ParameterEstimate,
@@ -216,7 +215,7 @@ def _further(data: Dataset, units: Units) -> dict[str, Any]:
     """Return what is said of few data sets: what defines the frame, joints in another form."""
     out: dict[str, Any] = {}
     if data.frame.defined is not None:
-        out["frame_by"] = DefinedFrameEntry.of(data.frame.defined, units)
+        out["frame_by"] = in_units(data.frame.defined, units)
     if data.recorded is not None and not data.recorded.as_machine:
         out["recorded"] = data.recorded
     return out

@@ -8,19 +8,22 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from ppmcal.calibration.fit import Fit, data_rows, half_interval, half_or, of_data
+from ppmcal.calibration.fit import (
+    Fit,
+    SessionKnowledge,
+    data_rows,
+    half_interval,
+    half_or,
+    of_data,
+)
 from ppmcal.calibration.knowledge import Considered, Estimate
 from ppmcal.calibration.sessions import session_knowledge
 from ppmcal.calibration.validation import Dependence, Identification
+from ppmcal.codec import in_units
 from ppmcal.io.pose_fields import factors
 from ppmcal.io.results.parts import ErrorSize, LeftOutRow, UncertainValue
 from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
-from ppmcal.io.results.session_parts import SessionInformation
-from ppmcal.io.results.units import (
-    Numbers,
-    column_factor,
-    numbers,
-)
+from ppmcal.io.results.units import MachineUnits, Numbers, column_factor, numbers
 from ppmcal.linalg import Array
 from ppmcal.model.instruments import InstrumentKind
 from ppmcal.model.mechanism import Mechanism
@@ -174,23 +177,14 @@ class RegistrationEntry(Part):
         more = {} if kind.placed is None else {"encoder_offset": r.offset, "unit": kind.quantity}
         return cls.filled(r, units, frame=numbers(r.frame_pose / factors(units)), **more)
 
-
-class DefinedFrameEntry(Part):
-    """What defines a frame that is given: ``by`` what, and how well.
-
-    ``covariance`` (6, 6) of the base's displacement and rotation about its origin, in base axes,
-    file units.
-    """
-
-    by: Text = ""
-    covariance: tuple[Numbers, ...] = ()
-
-    @classmethod
-    def of(cls, found: DefinedFrame, units: Units) -> DefinedFrameEntry:
-        """Return the entry in file units."""
-        size = factors(units)
-        return cls(by=found.by, covariance=tuple(map(numbers, found.covariance / np.outer(
-            size, size))))
+    def in_si(self, units: Units) -> Registration | None:
+        """Return where the instrument stands, SI; None where the file does not say all of it."""
+        parts = self.frame, self.target, self.target_rotation
+        if [len(p) for p in parts] != [6, 3, 3] or any(None in p for p in parts):
+            return None
+        frame, target, rotation = (np.array(p, dtype=float) for p in parts)
+        return Registration.of_pose(frame * factors(units), target * units.factor("length"),
+                                    rotation * units.factor("angle"), self.scale)
 
 
 class FittedDataset(Part):
@@ -207,7 +201,7 @@ class FittedDataset(Part):
     used: Whole | None = None
     registration: RegistrationEntry | None = None
     registration_before: RegistrationEntry | None = None
-    frame_by: DefinedFrameEntry | None = None
+    frame_by: DefinedFrame | None = None
     recorded: RecordedForm | None = None
 
 
@@ -227,7 +221,7 @@ class CovarianceEntry(Part):
     data_matrix: Annotated[tuple[Numbers, ...], Key("data.matrix")] = ()
     data_right: Annotated[Numbers, Key("data.right")] = ()
     unit_of_parameters: Annotated[Numbers, Key("data.unit_of_parameters")] = ()
-    session: SessionInformation | None = None
+    session: SessionKnowledge | None = None
     matrix: tuple[Numbers, ...] = ()
     frames_turn_about: Length[Mapping[Text, Numbers]] = field(default_factory=dict)
     held: Annotated[tuple[Text, ...] | None, Key("held.names", whole=True)] = None
@@ -245,8 +239,8 @@ class CovarianceEntry(Part):
                       for w, u in zip(fit.prior.tolist(), f.tolist(), strict=True))
         about = {d.name: o.about
                  for d, o in zip(fit.problem.datasets, fit.problem.opens, strict=True)}
-        session = SessionInformation.of(session_knowledge(fit), result.mechanism,
-                                        result.columns[:count])
+        session = in_units(session_knowledge(fit),
+                           MachineUnits.of(result.mechanism, result.columns[:count]))
         return cls.filled(
             None, units, names=result.columns, prior=prior, inflation=fit.noise,
             data_matrix=matrix * f[:count] * fit.noise, data_right=right * fit.noise,

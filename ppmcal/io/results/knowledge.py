@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,26 +11,21 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ppmcal.calibration.compensation import ParameterCovariance
-from ppmcal.calibration.fit import PoseResiduals, Posterior, SessionKnowledge
+from ppmcal.calibration.fit import Posterior, SessionKnowledge
 from ppmcal.calibration.knowledge import Considered
 from ppmcal.calibration.sessions import SESSION
 from ppmcal.calibration.validation import DoubtfulStretch
+from ppmcal.codec import in_si
 from ppmcal.errors import BadInput
-from ppmcal.io.pose_fields import factors
 from ppmcal.io.results.identification import IdentificationRecord
-from ppmcal.io.results.identification_parts import (
-    CovarianceEntry,
-    DefinedFrameEntry,
-    FittedDataset,
-)
+from ppmcal.io.results.identification_parts import CovarianceEntry, FittedDataset
 from ppmcal.io.results.parts import ErrorSize
-from ppmcal.io.results.session_parts import SessionInformation, SessionRows, rest_factors
-from ppmcal.io.results.units import Numbers, column_factor
+from ppmcal.io.results.units import MachineUnits, Numbers, column_factor
 from ppmcal.linalg import Array, eigh
 from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
-from ppmcal.model.registration import DefinedFrame, Registration
+from ppmcal.model.registration import Registration
 from ppmcal.model.same_rows import KnownRows
 from ppmcal.units import Units, coordinate_quantity
 
@@ -68,7 +64,7 @@ def knowledge_of(record: IdentificationRecord, mechanism: Mechanism,
         turn = {n: _finite(p, 3) * units.factor("length")
                 for n, p in covariance.frames_turn_about.items()}
         before = {d.name: _registration(d, units) for d in record.datasets}
-        frames = {d.name: _defined(d.frame_by, units) for d in record.datasets if d.frame_by}
+        frames = {d.name: _in_si(d.frame_by, units) for d in record.datasets if d.frame_by}
     except _Incomplete as error:
         raise _no_such(path, WITHOUT) from error
     names, matrix = (*names, *kept.names), kept.beside(matrix)
@@ -200,10 +196,10 @@ class _Incomplete(ValueError):
     """A part of the file that is needed is missing, or of another size."""
 
 
-P = TypeVar("P")
+T = TypeVar("T")
 
 
-def _part(part: P | None, *names: str) -> P:
+def _part(part: T | None, *names: str) -> T:
     """Return a part that must have these keys."""
     given = getattr(part, "given", names)    # what was not read has all
     if part is None or any(n not in given or getattr(part, n) is None for n in names):
@@ -276,18 +272,19 @@ def _range(ends: Numbers, mechanism: Mechanism, coordinate: str) -> tuple[float,
 
 def _registration(data: FittedDataset, units: Units) -> Registration:
     """Return where the instrument stood if the nominal geometry is believed."""
-    length, angle = units.factor("length"), units.factor("angle")
     entry = _part(data, "name").registration_before
-    entry = _part(entry, "frame", "target", "target_rotation")
-    return Registration.of_pose(_finite(entry.frame, 6) * factors(units),
-                                _finite(entry.target, 3) * length,
-                                _finite(entry.target_rotation, 3) * angle, entry.scale)
+    found = None if entry is None else entry.in_si(units)
+    if found is None:
+        raise _Incomplete
+    return found
 
 
-def _defined(entry: DefinedFrameEntry, units: Units) -> DefinedFrame:
-    """Return what defines a frame, SI."""
-    size = factors(units)
-    return DefinedFrame(entry.by, _matrix(entry.covariance, 6, 6) * np.outer(size, size))
+def _in_si(found: T, units: Units) -> T:
+    """Return a finding of the file, SI."""
+    try:
+        return in_si(found, units)
+    except ValueError as error:
+        raise _Incomplete from error
 
 
 @dataclass(frozen=True, eq=False)
@@ -316,37 +313,23 @@ def _information(entry: CovarianceEntry, count: int) -> _Information:
     return _Information(matrix, right, tolerance, scale, inflation)
 
 
-def _session(entry: SessionInformation | None, mechanism: Mechanism, parameters: Sequence[str]
+def _session(entry: SessionKnowledge | None, mechanism: Mechanism, parameters: Sequence[str]
              ) -> SessionKnowledge | None:
     """Return what the data say beyond the parameters, SI; None in files of older versions."""
     if entry is None:
         return None
-    _part(entry, "names", "matrix", "right", "unit_of_columns", "noise", "spread",
-          "degrees")
+    _part(entry, "names", "matrix", "right", "scale", "noise", "spread", "degrees")
     known = [f"homing.{a} of {SESSION}" for a in mechanism.actuators]
     if any(n.startswith("homing.") and n not in known for n in entry.names):
         raise _Incomplete
-    factor = np.array([column_factor(mechanism, n) for n in (*parameters, *entry.names)])
-    right = _finite(entry.right, len(entry.right))
-    matrix = _matrix(entry.matrix, right.size, len(parameters) + len(entry.names))
-    scale = _finite(entry.unit_of_columns, len(entry.names)) * factor[len(parameters):]
-    noise, spread, degrees = (v or 0.0 for v in (entry.noise, entry.spread, entry.degrees))
-    if np.isnan(matrix).any() or np.any(scale <= 0.0) or min(noise, spread) < 0.0:
+    found = _in_si(entry, MachineUnits.of(mechanism, parameters))
+    if not (found.matrix.shape == (found.right.size, len(parameters) + len(found.names))
+            and np.isfinite(found.matrix).all() and np.isfinite(found.right).all()
+            and np.all(found.scale > 0.0) and found.noise >= 0.0 and found.spread >= 0.0
+            and math.isfinite(found.degrees)
+            and all(len(s.q) == len(s.rest) and np.isfinite(s.rest).all() for s in found.sights)):
         raise _Incomplete
-    return SessionKnowledge(entry.names, matrix / factor, right, scale, noise, spread, degrees,
-                            tuple(_sight(r, mechanism) for r in entry.rows), entry.single)
-
-
-def _sight(rows: SessionRows, mechanism: Mechanism) -> PoseResiduals:
-    """Return a data set's rows, SI."""
-    count, width = len(rows.joints), len(rows.rest[0]) if rows.rest else 0
-    q = _matrix(rows.joints, count, len(mechanism.actuators))
-    rest = _matrix(rows.rest, count, width)
-    if np.isnan(rest).any() or not 0 <= rows.rotations <= width:
-        raise _Incomplete
-    return PoseResiduals(rows.name, rows.kind, q * [f for f, _ in mechanism.joint_units],
-                         rest * rest_factors(width, rows.rotations, mechanism.units),
-                         rows.rotations)
+    return found
 
 
 def _values(record: IdentificationRecord, names: Sequence[str]) -> Array:

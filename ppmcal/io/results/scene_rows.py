@@ -13,7 +13,7 @@ from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.io.campaign import read_datasets
 from ppmcal.io.csv import Table
 from ppmcal.io.results.identification import IdentificationRecord
-from ppmcal.io.results.identification_parts import FittedDataset, RegistrationEntry
+from ppmcal.io.results.identification_parts import FittedDataset
 from ppmcal.io.results.residual_rows import norm, row_key, used
 from ppmcal.io.results.scene import MeasuredPose, Point, ScenePoses
 from ppmcal.io.sidecar import sidecar_path
@@ -166,8 +166,10 @@ def _of_dataset(table: Table, rows: Ints, data: Dataset, entry: FittedDataset,
     good = finite_rows(pose)
     lost = int(np.count_nonzero(~good) + np.count_nonzero(~known))
     rows, at, pose = rows[good], at[good], pose[good]
-    after = _registration(entry.registration, plain) or plain.registration(entry.name)
-    before = _registration(entry.registration_before, plain) or after
+    after, before = (None if e is None else e.in_si(plain.units) for e in (
+        entry.registration, entry.registration_before))
+    after = after or plain.registration(entry.name)
+    before = before or after
     point = cga.move_point(pose, after.target)
     along = None
     if data.kind.along_line:
@@ -204,18 +206,6 @@ def _poses(model: Model, q: Array) -> Array:
     """Return the poses at joint values (R, k), a few at once; nan where there is none."""
     parts = [forward(model, q[i:i + CHUNK]).pose for i in range(0, len(q), CHUNK)]
     return np.concatenate(parts) if parts else np.zeros((0, 8))
-
-
-def _registration(entry: RegistrationEntry | None, mechanism: Mechanism) -> Registration | None:
-    """Return a registration of a record in SI, None where it has none."""
-    numbers = [] if entry is None else [*entry.frame, *entry.target]
-    if entry is None or len(numbers) != 9 or None in numbers:
-        return None
-    length, angle = (mechanism.units.factor(k) for k in ("length", "angle"))
-    values = np.array(numbers, dtype=float)
-    values[:3], values[3:6], values[6:] = (values[:3] * length, values[3:6] * angle,
-                                           values[6:] * length)
-    return Registration.of_pose(values[:6], values[6:])
 
 
 def _in_base(table: Table, rows: Ints, stage: str, registration: Registration,

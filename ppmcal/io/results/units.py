@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -13,12 +13,11 @@ from ppmcal.io.results.record import Finite
 from ppmcal.linalg import Array
 from ppmcal.model.effects import effect_kinds
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.units import Units, coordinate_quantity
+from ppmcal.units import COLUMN, JOINTS, PARAMETERS, Units, coordinate_quantity
 
 Numbers = tuple[Finite | None, ...]
-COLUMN = "column "
-JOINT = "column homing."
-"""Before the name of a column, or of a joint: its own quantity."""
+JOINT = COLUMN + "homing."
+"""Before the name of a joint: its own quantity."""
 
 
 @dataclass(frozen=True)
@@ -26,11 +25,19 @@ class MachineUnits(Units):
     """Units of a machine's file, in which a column of a fit or a joint is a quantity too."""
 
     mechanism: Mechanism
+    parameters: Sequence[str] = ()
 
     @classmethod
-    def of(cls, mechanism: Mechanism) -> MachineUnits:
-        """Return the units of a machine's file."""
-        return cls(mechanism.units.length, mechanism.units.angle, mechanism)
+    def of(cls, mechanism: Mechanism, parameters: Sequence[str] = ()) -> MachineUnits:
+        """Return the units of a machine's file, and of these ``parameters`` that were fitted."""
+        return cls(mechanism.units.length, mechanism.units.angle, mechanism, parameters)
+
+    def factors(self, quantities: Sequence[str]) -> list[float]:
+        """Return the SI value of one file unit of each number along an axis of an array."""
+        several = {JOINTS: [f for f, _ in self.mechanism.joint_units],
+                   PARAMETERS: [column_factor(self.mechanism, p) for p in self.parameters]}
+        return [f for q in quantities for f in (
+            several[q] if q in several else [self.factor(q)])]
 
     def factor(self, quantity: str) -> float:
         """Return the SI value of one file unit of a quantity, or of :data:`COLUMN` and a name."""
