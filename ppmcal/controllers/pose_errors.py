@@ -74,14 +74,19 @@ def pose_errors(mechanism: Mechanism, real: Array, wanted: Array) -> ErrorSummar
     """
     rows = np.flatnonzero(finite_rows(real) & finite_rows(wanted))
     if not rows.size:
-        raise NoResult("the machine takes none of the poses", mechanism.source,
-                       "Check `home` and `limits`, and the model with `ppmcal check`")
+        raise takes_none(mechanism)
     at, ideal = real[rows], wanted[rows]
     away = np.linalg.norm(cga.translation(at) - cga.translation(ideal), axis=1)
     turn = np.linalg.norm(cga.rotation_vector(cga.compose(cga.reverse(ideal), at)), axis=1)
     turns = mechanism.motion.turns
     return ErrorSummary(rms(away), float(np.max(away)), rms(turn) if turns else None,
                         float(np.max(turn)) if turns else None, int(rows.size))
+
+
+def takes_none(mechanism: Mechanism) -> NoResult:
+    """Return the error of poses of which a machine takes none."""
+    return NoResult("the machine takes none of the poses", mechanism.source,
+                    "Check `home` and `limits`, and the model with `ppmcal check`")
 
 
 def rms(values: Array) -> float:

@@ -39,7 +39,7 @@ from ppmcal import algebra as cga
 from ppmcal import linalg
 from ppmcal.design.assembly_modes_spatial import PLACE, FoundModes, closing
 from ppmcal.errors import NoResult
-from ppmcal.kinematics.closure import Closure, Model
+from ppmcal.kinematics.closure import Closure
 from ppmcal.linalg import Array, Bools, finite_rows
 
 DEGREE = 3
@@ -116,15 +116,6 @@ def _rows(closure: Closure, phi: Array) -> _Rows:
     first = table[:, circles[0]]
     others = table[:, circles[1:]] - first[:, None]
     return _Rows(first, np.concatenate([others, table[:, planes]], axis=1), origin)
-
-
-def resultant_spectrum(model: Model, q: Array) -> Array:
-    """Return the Fourier coefficients 0 ... SAMPLES/2 of F at ``q`` (k,), largest term = 1.
-
-    Those above :data:`DEGREE` are round-off.
-    """
-    value, size = _rows(model.closure(q), _even_angles()).resultant
-    return np.abs(np.fft.rfft(value)) / (SAMPLES * size)
 
 
 def _even_angles() -> Array:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ppmcal.calibration.fit import OVERSTATED, Fit
-from ppmcal.calibration.validation import LeftOut
+from ppmcal.calibration.validation import LeftOut, rows_left_out
 from ppmcal.diagnosis.held_out_gap import Gap
 from ppmcal.diagnosis.lack_of_fit import LackOfFit
 from ppmcal.diagnosis.linearisation import WEAK_VISIBILITY, Linearisation
@@ -59,8 +59,7 @@ def findings(before: Fit, after: Fit, left: LackOfFit, effects: Sequence[NamedEf
     for data, reasons, old in zip(after.problem.datasets, after.reasons, before.reasons,
                                   strict=True):
         if reasons:
-            said.append(Note(f"{data.name}: {len(reasons)} of {len(data)} rows left out, see "
-                             "residuals.csv for each reason", topic="row weights"))
+            said.append(rows_left_out(data, reasons))
         back = sorted(set(old) - set(reasons))
         if back:
             said.append(Note(f"{data.name}: {pluralize(len(back), 'row')} at first taken for "

@@ -15,6 +15,8 @@ from ppmcal.linalg import Array
 from ppmcal.notes import Note
 from ppmcal.wording import abbreviate_list, row_list
 
+NEARER = ("Give a smaller --tolerance, join by name (--join name), or take joint values between "
+          "the rows: --interpolate")
 PARTIAL = "or leave out what matches nothing with --partial"
 
 
@@ -175,8 +177,7 @@ def _by_time(log: Table, points: Table, tolerance: float, partial: bool,
         i = int(np.flatnonzero(even)[0])
         raise BadInput(f"{row_list(np.flatnonzero(even))}: two rows of {log.source} are equally "
                        f"near in time ({row_list(np.sort(order[near[:2, i]]))} for row {i + 1})",
-                       points.source, "Give a smaller --tolerance, join by name (--join name), or "
-                       "take joint values between the rows: --interpolate")
+                       points.source, NEARER)
     taken = np.flatnonzero(good)
     rows = nearest[taken]
     # several targets are seen at one row, each once
@@ -186,9 +187,7 @@ def _by_time(log: Table, points: Table, tolerance: float, partial: bool,
     crowded = np.flatnonzero(np.bincount(place, minlength=1)[place] > 1) if rows.size else rows
     if crowded.size:
         raise BadInput(f"{row_list(taken[crowded])} are nearest in time to the same row of "
-                       f"{log.source} (row {rows[crowded[0]] + 1})", points.source,
-                       "Give a smaller --tolerance, join by name (--join name), or take joint "
-                       "values between the rows: --interpolate")
+                       f"{log.source} (row {rows[crowded[0]] + 1})", points.source, NEARER)
     alone = np.flatnonzero(~good)
     findings = _left(points, alone, [f"{theirs[i]:g} s" for i in alone], log, partial,
                      f" within {tolerance:g} s")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -26,7 +26,7 @@ from ppmcal.io.schema import (
     numbers,
     refuse,
 )
-from ppmcal.io.sidecar import targets_given
+from ppmcal.io.sidecar import ONE_OR_SEVERAL, targets_given
 from ppmcal.model.instruments import InstrumentKind, instruments
 
 FORMAT = "ppmcal/scenario/1"
@@ -181,22 +181,18 @@ class TemperatureFile(Strict):
     """Amplitude about the mean, degrees."""
 
 
-def _loads(value: object) -> object:
-    values = value if isinstance(value, list) else [value]
-    return [PAYLOAD(v) for v in values]
-
-
-def _tensions(value: object) -> object:
-    values = value if isinstance(value, list) else [value]
-    return [TENSION(v) for v in values]
+def _listed(check: Callable[[object], Any]) -> BeforeValidator:
+    """Return the check of a list of values, or of one."""
+    return BeforeValidator(lambda value: [
+        check(v) for v in (value if isinstance(value, list) else [value])])
 
 
 class ConditionsFile(Strict):
     """Loads to go through, the temperature's course, and joint speeds at the trigger."""
 
-    payload: Annotated[list[float], BeforeValidator(_loads)] = Field(default_factory=list)
+    payload: Annotated[list[float], _listed(PAYLOAD)] = Field(default_factory=list)
     """Payloads to go through, kg."""
-    tension: Annotated[list[float], BeforeValidator(_tensions)] = Field(default_factory=list)
+    tension: Annotated[list[float], _listed(TENSION)] = Field(default_factory=list)
     """Mean tensions to go through with which ropes are pulled tight without a load, N."""
     temperature: Annotated[TemperatureFile, BeforeValidator(
         lambda v: {"mean": v} if isinstance(v, int | float) else v)] | None = None
@@ -250,6 +246,5 @@ class ScenarioFile(Strict):
     @model_validator(mode="after")
     def _either(self) -> ScenarioFile:
         if self.targets is not None and "target" in self.model_fields_set:
-            raise refuse("there are several `targets`, and one `target`",
-                         "Take `target` out, or write it as one of the `targets`")
+            raise refuse(*ONE_OR_SEVERAL)
         return self

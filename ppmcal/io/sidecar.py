@@ -54,6 +54,8 @@ instrument: {kind: pose, sigma: {position: 0.01, rotation: 0.002}}
 frame: unknown
 target: unknown
 """
+ONE_OR_SEVERAL = ("there are several `targets`, and one `target`",
+                  "Take `target` out, or write it as one of the `targets`")
 
 
 _noise = each(numbers(
@@ -132,8 +134,7 @@ class SidecarFile(Strict):
     def _assumed(cls, data: Any) -> Any:
         if isinstance(data, Mapping) and data.get("targets") is not None:
             if "target" in data:
-                raise refuse("there are several `targets`, and one `target`",
-                             "Take `target` out, or write it as one of the `targets`")
+                raise refuse(*ONE_OR_SEVERAL)
             data = {**data, "target": "unknown"}
         kind = _kind_named(data)
         if kind is None:

@@ -16,6 +16,7 @@ from ppmcal.plotting import layers
 from ppmcal.plotting.layers import Layer, Points, Undrawn, apart
 from ppmcal.plotting.plot import Axis, Plot
 from ppmcal.plotting.style import plain
+from ppmcal.wording import rounded
 
 Spec: TypeAlias = dict[str, Any]
 DIGITS = 6
@@ -36,7 +37,7 @@ def lines(text: str) -> str:
 
 def number(value: float) -> float | None:
     """Return a number with as many digits as can be seen, None for none."""
-    return float(f"{value:.{DIGITS}g}") if np.isfinite(value) else None
+    return rounded(value, DIGITS)
 
 
 def numbers(values: ArrayLike) -> list[float | None]:

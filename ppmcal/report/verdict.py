@@ -261,6 +261,11 @@ def _size(one: Identified) -> str:
     return ""
 
 
+def to_compensate(folder: str) -> str:
+    """Return how commands are corrected with the model of a folder."""
+    return f"ppmcal compensate {folder} TARGETS.csv corrects commands"
+
+
 def _next(one: Identified, d: DiagnosisRecord | None, good: Line, use: Callable[[str], str]
           ) -> Line:
     """Return what to do now.
@@ -274,7 +279,7 @@ def _next(one: Identified, d: DiagnosisRecord | None, good: Line, use: Callable[
         return Line("Next?", "Measure", f"{poses}, listed in next.csv, would tell the rest.",
                     "warn")
     if good.state == "ok":
-        told = use(one.folder) or f"ppmcal compensate {one.folder} TARGETS.csv corrects commands"
+        told = use(one.folder) or to_compensate(one.folder)
         return Line("Next?", "Use it", f"{told}; ppmcal validate tells on another day whether it "
                     "still holds.", "ok")
     if good.word == AFTER_A_CHECK:

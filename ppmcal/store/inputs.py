@@ -138,10 +138,9 @@ def content_of(path: str | os.PathLike[str], run: Run) -> str:
     return run.sums.get(str(Path(path))) or digest_of(Path(path))
 
 
-def own_input(path: str) -> BadInput:
+def own_input(path: str, hint: str = "Name another folder in --out") -> BadInput:
     """Return the refusal of a file that a run has read and would replace."""
-    return BadInput("is an input of this run, and its results would replace it", path,
-                    "Name another folder in --out")
+    return BadInput("is an input of this run, and its results would replace it", path, hint)
 
 
 def identity_of(path: Path) -> Identity | None:

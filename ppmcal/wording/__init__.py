@@ -148,6 +148,11 @@ def percent(part: float) -> str:
     return f"{100.0 * part:.0f} %"
 
 
+def rounded(value: float, digits: int) -> float | None:
+    """Return a number with so many digits, None for none."""
+    return float(f"{value:.{digits}g}") if math.isfinite(value) else None
+
+
 def too_long(ratio: float) -> str:
     """Return ``0.4 % too short``, where ``ratio`` is of what is shown over what is true."""
     return f"{100.0 * abs(ratio - 1.0):.2g} % too {'long' if ratio > 1.0 else 'short'}"

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from ppmcal.calibration.validation.summary import Dependence as Dependence
     from ppmcal.calibration.validation.summary import Identification as Identification
     from ppmcal.calibration.validation.summary import report as report
+    from ppmcal.calibration.validation.summary import rows_left_out as rows_left_out
 
 if not TYPE_CHECKING:   # who checks types sees which names there are
     __getattr__ = on_first_use(__name__)

@@ -324,9 +324,14 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
     # the last: what is wrong with the rows is printed below it
     for data, reasons in zip(fit.problem.datasets, fit.reasons, strict=True):
         if reasons:
-            out.append(Note(f"{data.name}: {len(reasons)} of {len(data)} rows left out, see "
-                            "residuals.csv for each reason", topic="row weights"))
+            out.append(rows_left_out(data, reasons))
     return tuple(out)
+
+
+def rows_left_out(data: Dataset, reasons: Mapping[int, str]) -> Note:
+    """Return how many rows of a data set were left out, and where the ``reasons`` are."""
+    return Note(f"{data.name}: {len(reasons)} of {len(data)} rows left out, see residuals.csv for "
+                "each reason", topic="row weights")
 
 
 def unchecked(fit: Fit, rank: int) -> list[Note]:

@@ -38,6 +38,7 @@ from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import InstrumentKind
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import Note
+from ppmcal.store.inputs import own_input
 from ppmcal.store.output import Content, Output
 from ppmcal.store.provenance import origin_comment, source_of
 from ppmcal.units import LENGTHS, Units
@@ -226,8 +227,7 @@ def _refuse_to_replace(out: Path, inputs: Sequence[Path], force: bool) -> None:
         raise BadInput("is not the name of a CSV file", str(out), "Write --out run.csv")
     for place in (out, out.with_suffix(".yaml")):
         if any(place.exists() and p.exists() and place.samefile(p) for p in inputs):
-            raise BadInput("is an input of this run, and its results would replace it",
-                           str(place), "Give another --out")
+            raise own_input(str(place), "Give another --out")
         if place.exists() and not force:
             raise BadInput("exists already", str(place), "Give another --out, or --force")
 

@@ -17,6 +17,7 @@ from ppmcal.io import csv_text
 from ppmcal.plain import json_text
 from ppmcal.report import collect, to_html, to_json
 from ppmcal.report.records import Identified, ReportData
+from ppmcal.report.verdict import to_compensate
 from ppmcal.store.provenance import source_of
 from ppmcal.wording.told import Told
 
@@ -88,7 +89,7 @@ def _use(one: Identified) -> str:
         found = uses(load(model), one.folder, form, old)
     except BadInput:
         return ""
-    own = [] if old else [f"ppmcal compensate {one.folder} TARGETS.csv corrects commands"]
+    own = [] if old else [to_compensate(one.folder)]
     return "; ".join([*own, *found])
 
 

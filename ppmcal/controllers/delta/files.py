@@ -8,15 +8,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from ppmcal.calibration.fit import Z95
 from ppmcal.controllers.delta.geometry import TOWERS, DeltaGeometry
 from ppmcal.controllers.delta.printer import Nominal, Printer, offsets
+from ppmcal.controllers.importing import machine_head, sidecar
 from ppmcal.io import csv_text
-from ppmcal.io.yaml import printable
 from ppmcal.model.limbs.spatial import PUS
 
+NOZZLE = "translational             # a pose is x, y, z of the nozzle, the bed is z = 0"
 HEIGHT_SIGMA = 0.02
 DISTANCE_SIGMA = 0.05
 LEAN = 0.2
@@ -110,16 +110,7 @@ def touch_table(header: Sequence[str], rows: Sequence[Sequence[float]]) -> str:
 def touch_sidecar(name: str, kind: str, column: str, sigma: float, comment: str,
                   frame: str = "known") -> str:
     """Return the sidecar of such a table, below a comment."""
-    return f"""{comment}
-# sigma: how far one reading scatters, estimated from what is left; {sigma} mm begins it.
-# Where you know it, put it in and take `estimated` out.
-format: ppmcal/dataset/1
-name: {name}
-units: {{length: mm, angle: deg}}
-instrument: {{kind: {kind}, sigma: {{{column}: {sigma}, estimated: true}}}}
-frame: {frame}
-target: known
-"""
+    return sidecar(comment, name, kind, {column: sigma}, sigma, f"frame: {frame}\ntarget: known\n")
 
 
 def machine_yaml(printer: Printer, rods: str) -> str:
@@ -130,19 +121,13 @@ def machine_yaml(printer: Printer, rods: str) -> str:
     """
     nominal = printer.nominal
     origin = ", ".join(f"{what}: {where}" for what, where in nominal.origin.items())
-    name = printable(f"delta printer of {Path(printer.source).name}")
-    name = yaml.safe_dump(name, width=1000).strip()
     angles = ", ".join(f"{t} {a:g}" for t, a in zip(TOWERS, nominal.geometry.angles, strict=True))
     head = f"""\
 # A linear delta printer, as it was meant to be before any calibration. Where its numbers are
 # from: {origin}; angles {angles}.
 # Only the difference of tower radius and effector radius shows, so the former is delta_radius
 # and the latter 0. Rods: {_RODS[rods]}
-format: ppmcal/mechanism/1
-name: {name.removesuffix("...").strip()}
-units: {{length: mm, angle: deg}}   # of every number in this file
-motion: translational             # a pose is x, y, z of the nozzle, the bed is z = 0
-limbs:
+{machine_head(f"delta printer of {Path(printer.source).name}", NOZZLE)}limbs:
 """
     offset = _size(_offset_tolerance(nominal))
     tail = f"""\

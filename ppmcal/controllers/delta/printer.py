@@ -33,7 +33,6 @@ class Nominal:
         origin: where radius, angles, rods and endstops are from, in words.
         radius, offset, rods: tolerances, mm; inf where nothing is known.
         rods_known: whether the rods are from another source than a saved calibration.
-        rods_stated: whether the user gave them.
         findings: what the user must look at.
     """
 
@@ -43,7 +42,6 @@ class Nominal:
     offset: float = LEAST_OFFSET
     rods: float = WIDE_RODS
     rods_known: bool = True
-    rods_stated: bool = False
     findings: tuple[Note, ...] = ()
 
 
@@ -182,7 +180,7 @@ def nominal_of(source: str, meant: DeltaGeometry, active: DeltaGeometry, origin:
         meant, origin, math.inf if "delta_radius" in unknown else
         tolerance(LEAST_RADIUS, abs(meant.radius - active.radius)),
         math.inf if "endstops" in unknown else tolerance(LEAST_OFFSET, apart),
-        WIDE_RODS if rods is None else LEAST_RODS, rods_known, rods is not None, tuple(findings))
+        WIDE_RODS if rods is None else LEAST_RODS, rods_known, tuple(findings))
 
 
 def stated_nominal(source: str, meant: DeltaGeometry, active: DeltaGeometry, where: str,

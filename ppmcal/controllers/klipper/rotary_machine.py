@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import yaml
 from scipy.optimize import least_squares
 
 from ppmcal import algebra as cga
-from ppmcal.controllers.delta.files import touch_files
+from ppmcal.controllers.delta.files import NOZZLE, touch_files
 from ppmcal.controllers.delta.fit import (
     ENOUGH,
     EXACT,
@@ -30,7 +29,7 @@ from ppmcal.controllers.export import (
     head,
     misread,
 )
-from ppmcal.controllers.importing import MACHINE, ImportedFiles
+from ppmcal.controllers.importing import MACHINE, ImportedFiles, machine_head
 from ppmcal.controllers.klipper.config import moved, parse_config, read_config, read_touches
 from ppmcal.controllers.klipper.rotary import (
     KINEMATICS,
@@ -43,7 +42,6 @@ from ppmcal.controllers.klipper.rotary import (
 )
 from ppmcal.controllers.pose_errors import ErrorSummary
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.io.yaml import printable
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.linalg import Array, finite_rows, guarded
@@ -89,17 +87,12 @@ def imported(path: Path) -> ImportedFiles:
 
 def _machine_text(path: Path, delta: RotaryDelta) -> str:
     """Return the printer as it prints now, a commented mechanism file."""
-    name = yaml.safe_dump(printable(f"rotary delta of {path.name}"), width=1000).strip()
     limbs = "".join(_arm(delta, i, float(end)) for i, end in enumerate(
         np.degrees(endstop_angles(delta))))
     return f"""\
 # A rotary delta, with the numbers that it prints with. Only the difference of shoulder radius and
 # effector radius shows, so the former is shoulder_radius and the latter 0.
-format: ppmcal/mechanism/1
-name: {name.removesuffix("...").strip()}
-units: {{length: mm, angle: deg}}   # of every number in this file
-motion: translational             # a pose is x, y, z of the nozzle, the bed is z = 0
-limbs:
+{machine_head(f"rotary delta of {path.name}", NOZZLE)}limbs:
 {limbs}home: {{pose: {{x: 0, y: 0, z: 0}}}}
 # one standard deviation each of: shoulders, angles, endstops, arms and rods
 tolerances: {{point: 1, angle: 0.5, offset: 1, length: 1}}

@@ -21,7 +21,7 @@ from ppmcal.controllers.mjcf.arithmetic import (
     read,
 )
 from ppmcal.controllers.mjcf.writer import PLATFORM, SITE, Home, limb_parts, text
-from ppmcal.controllers.pose_errors import ErrorSummary, pose_errors
+from ppmcal.controllers.pose_errors import ErrorSummary, pose_errors, takes_none
 from ppmcal.controllers.pose_grid import at_rest, default_grid, instrument_notes
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import read_poses
@@ -58,8 +58,7 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
     body = BodyModel.of(bare)
     driven_to = _way(bare, wanted)
     if not len(driven_to.q[-1]):
-        raise NoResult("the machine takes none of the poses", mechanism.source,
-                       "Check `home` and `limits`, and the model with `ppmcal check`")
+        raise takes_none(mechanism)
     lacks = tuple(_not_expressed(mechanism, driven_to))
     notes = (*_notes(mechanism), *instrument_notes(mechanism))
     content = text(bare, body.pose, body.home, "\n".join(_comment(mechanism, lacks, notes)))

@@ -45,6 +45,7 @@ from ppmcal.linalg import Array
 from ppmcal.notes import Note
 
 LETTERS = {665: "LRHBXYZ", 666: "XYZAB"}
+AS_WRITTEN = "Take the file as the firmware wrote it"
 STEEP = 50.0
 """No bed is tilted by more, percent."""
 
@@ -256,16 +257,16 @@ def read_map(path: Path) -> tuple[Array, Array]:
         if count != int(count) or not 2 <= count <= LARGEST or not high > low or not space > 0.0:
             raise BadInput(f"{count:g} points from {low:g} to {high:g} mm along {axis} do not "
                            "form a grid", f"{path}: line 3",
-                           "Take the file as the firmware wrote it")
+                           AS_WRITTEN)
         axes.append(low + space * np.arange(int(count)))
     wanted = (len(axes[1]), len(axes[0]))
     for n, row in enumerate(cells, 4):
         if len(row) != wanted[1] or not all(_number(c) for c in row):
             raise BadInput(f"{len(row)} heights are not {wanted[1]} numbers", f"{path}: line {n}",
-                           "Take the file as the firmware wrote it")
+                           AS_WRITTEN)
     if len(cells) != wanted[0]:
         raise BadInput(f"{len(cells)} rows of heights are not {wanted[0]}", str(path),
-                       "Take the file as the firmware wrote it")
+                       AS_WRITTEN)
     height = np.array([[float(c) for c in row] for row in cells])
     touched = np.array([["." in c for c in row] for row in cells])
     if int(touched.sum()) < 3:
@@ -285,4 +286,4 @@ def _first(named: dict[str, str], path: Path, *names: str) -> float:
         if name in named and _number(named[name]):
             return float(named[name])
     raise BadInput(f"{names[0]} is missing, or not a number up to {FARTHEST:g}", f"{path}: line 3",
-                   "Take the file as the firmware wrote it")
+                   AS_WRITTEN)

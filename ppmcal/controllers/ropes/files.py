@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import PurePath
 
 import numpy as np
-import yaml
 
+from ppmcal.controllers.importing import machine_head, sidecar
 from ppmcal.io import csv_text
 from ppmcal.io.yaml import printable
 from ppmcal.linalg import Array
@@ -84,7 +84,6 @@ def machine_yaml(machine: RopeMachine) -> str:
     """Return the commented mechanism file."""
     axes = "xyz"[:len(machine.home)]
     fixed = ", ".join(f"{c}: {{value: 0, fixed: true}}" for c in axes)
-    name = yaml.safe_dump(printable(machine.name), width=1000).strip().removesuffix("...").strip()
     ropes = "".join(f"""\
   - name: {rope.name}
     kind: rope
@@ -98,12 +97,9 @@ def machine_yaml(machine: RopeMachine) -> str:
                        for rope, (low, high) in zip(machine.ropes, machine.limits.tolist(),
                                                     strict=True))
     comment = "".join(f"# {line}\n" for line in machine.comment.splitlines())
+    head = machine_head(machine.name, machine.motion)
     return f"""\
-{comment}format: ppmcal/mechanism/1
-name: {name}
-units: {{length: mm, angle: deg}}   # of every number in this file
-motion: {machine.motion}
-limbs:    # ropes that meet in one point, where platform's x, y, z are 0
+{comment}{head}limbs:    # ropes that meet in one point, where platform's x, y, z are 0
 {ropes}home: {{pose: {{{home}}}}}
 tolerances: {{{tolerances}}}    # one standard deviation each
 limits: {{{limits}}}
@@ -153,18 +149,9 @@ def places_of(joints: Array) -> Array:
 
 def _sidecar(name: str, run: RopeRun, source: str, sigma: float, position: float) -> str:
     seen = run.places is not None
-    kind = (f"{{kind: position, sigma: {{position: {position:g}, actuator: {sigma:g}, "
-            "estimated: true}}" if seen else
-            f"{{kind: none, sigma: {{actuator: {sigma:g}, estimated: true}}}}")
-    frame = "frame: known\ntarget: known\n" if seen else ""
-    return f"""\
-# {printable(f"{run.where} of {source}")}
-# sigma: how far one reading scatters, estimated from what is left; {sigma:g} mm begins it.
-# Where you know it, put it in and take `estimated` out.
-format: ppmcal/dataset/1
-name: {name}
-units: {{length: mm, angle: deg}}
-instrument: {kind}
-{frame}"""
+    kind, known = ("position", {"position": position}) if seen else ("none", {})
+    return sidecar(f"# {printable(f'{run.where} of {source}')}", name, kind,
+                   {**known, "actuator": sigma}, sigma,
+                   "frame: known\ntarget: known\n" if seen else "")
 
 

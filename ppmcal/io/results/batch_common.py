@@ -26,10 +26,7 @@ APART = 3.0
 
 def last_of_each(records: Sequence[CampaignRecord]) -> list[CampaignRecord]:
     """Return the latest campaign of each machine and command."""
-    out: dict[tuple[str, str], CampaignRecord] = {}
-    for r in sorted(records, key=lambda r: r.date):
-        out[r.machine, r.command] = r
-    return list(out.values())
+    return list({(r.machine, r.command): r for r in sorted(records, key=lambda r: r.date)}.values())
 
 
 def error_of(record: CampaignRecord, kind: str, stage: str) -> CampaignQuantity | None:
@@ -108,11 +105,8 @@ class SharedEffect:
 
 
 def _latest(records: Iterable[CampaignRecord], *commands: str) -> list[CampaignRecord]:
-    out: dict[str, CampaignRecord] = {}
-    for r in sorted(records, key=lambda r: r.date):
-        if r.command in commands and not r.failed:
-            out[r.machine] = r
-    return list(out.values())
+    return list({r.machine: r for r in sorted(records, key=lambda r: r.date)
+                 if r.command in commands and not r.failed}.values())
 
 
 def shared_effects(records: Sequence[CampaignRecord]) -> list[SharedEffect]:

@@ -16,9 +16,10 @@ from ppmcal.linalg import Array
 from ppmcal.model.effects.learned import INPUTS, JOINT
 from ppmcal.model.effects.learned_curve import si_factor
 from ppmcal.units import Key, OfUnit, Quantity, Units
+from ppmcal.wording import rounded
 
-DRAWN = 600
-Curve = Annotated[tuple[Shown | None, ...], Quantity(of="unit", digits=6)]
+DRAWN, DIGITS = 600, 6
+Curve = Annotated[tuple[Shown | None, ...], Quantity(of="unit", digits=DIGITS)]
 
 
 class LearnedEntry(Part):
@@ -112,5 +113,5 @@ def _unit(units: Units, quantity: str) -> str:
     return quantity if quantity == "deg C" else units.name(quantity)
 
 
-def _rounded(values: Array) -> tuple[float, ...]:
-    return tuple(float(f"{v:.6g}") for v in values.tolist())
+def _rounded(values: Array) -> tuple[float | None, ...]:
+    return tuple(rounded(v, DIGITS) for v in values.tolist())

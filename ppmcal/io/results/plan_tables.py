@@ -12,6 +12,7 @@ from ppmcal.io.results.record import Column, in_units
 from ppmcal.io.results.tables import joint_columns, pose_columns, unit_map
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import ZERO_CELSIUS
+from ppmcal.wording import rounded
 
 DIGITS = 4
 
@@ -100,7 +101,7 @@ def accuracy_rows(plan: Plan) -> ShownTable:
     rows = [i for i, k in enumerate(n.tolist()) if k in wanted]
     return ShownTable(
         title="Accuracy at the tasks against the number of measurements", columns=tuple(curves),
-        rows=tuple(tuple(_short(float(c[i])) if name != "n" else int(c[i])
+        rows=tuple(tuple(rounded(float(c[i]), DIGITS) if name != "n" else int(c[i])
                          for name, c in curves.items()) for i in rows),
         note="One standard deviation; exchanged: a design made for that number alone")
 
@@ -110,10 +111,6 @@ def observability_rows(plan: Plan) -> ShownTable:
     names = list(plan.observability.get("planned", ()))
     return ShownTable(
         title="Observability of the measurements, without tolerances", columns=("poses", *names),
-        rows=tuple((which, *(_short(values[k]) for k in names))
+        rows=tuple((which, *(rounded(values[k], DIGITS) for k in names))
                    for which, values in plan.observability.items()),
         note="In tolerances per standard deviation; random: mean of 20 designs")
-
-
-def _short(value: float) -> float | None:
-    return float(f"{value:.{DIGITS}g}") if np.isfinite(value) else None

@@ -10,7 +10,7 @@ from ppmcal.design.stiffness import Home, Principal, Stiffnesses
 from ppmcal.io.results.stiffness_tables import AppliedLoad, StiffnessStudy
 from ppmcal.kinematics.loads import only_pull
 from ppmcal.kinematics.tables import SINGULAR_HOME, home_singular_value
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, Bools
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.notes import Note
@@ -176,10 +176,8 @@ def _home_findings(mechanism: Mechanism, home: Home, load: AppliedLoad | None) -
     out = []
     if load is not None:
         moved = home.deflection(load.wrench)
-        if max(np.linalg.norm(moved[:3]) / mechanism.reach, np.linalg.norm(moved[3:])) > LINEAR:
-            out.append(Note(
-                f"at home {load.words} moves the tool by more than {LINEAR:.0%} of the "
-                f"reach, or turns it by more than {LINEAR} rad: too far for a linear model"))
+        if _too_far(moved[None], mechanism)[0]:
+            out.append(_nonlinear(f"at home {load.words}", ""))
     if not np.isfinite(home.compliance.factor).all():
         out.append(Note("home is not stable under this tension: ropes pull the platform away from "
                         "it. Take less tension, or stiffer ropes"))
@@ -251,15 +249,19 @@ def _map_findings(mechanism: Mechanism, found: Stiffnesses, load: AppliedLoad | 
         return [Note("no pose has a stiffness: " + _reasons(found))]
     if found.deflection is None or load is None:
         return []
-    part = np.maximum(np.linalg.norm(found.deflection[:, :3], axis=1) / mechanism.reach,
-                      np.linalg.norm(found.deflection[:, 3:], axis=1))
-    far = int(np.sum(part > LINEAR))
-    if not far:
-        return []
-    return [Note(
-        f"{load.words} moves the tool by more than {LINEAR:.0%} of the reach, or turns it by "
-        f"more than {LINEAR} rad, at {far} of {int(found.ok.sum())} poses: too far for a "
-        "linear model")]
+    far = int(np.sum(_too_far(found.deflection, mechanism)))
+    return [_nonlinear(load.words, f", at {far} of {int(found.ok.sum())} poses")] if far else []
+
+
+def _too_far(moved: Array, mechanism: Mechanism) -> Bools:
+    """Return which deflections (N, 6) are too far for a linear model (N,)."""
+    return np.asarray(np.maximum(np.linalg.norm(moved[:, :3], axis=1) / mechanism.reach,
+                                 np.linalg.norm(moved[:, 3:], axis=1)) > LINEAR)
+
+
+def _nonlinear(load: str, where: str) -> Note:
+    return Note(f"{load} moves the tool by more than {LINEAR:.0%} of the reach, or turns it by "
+                f"more than {LINEAR} rad{where}: too far for a linear model")
 
 
 def _reasons(found: Stiffnesses) -> str:

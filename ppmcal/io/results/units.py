@@ -67,17 +67,26 @@ def numbers(values: Array) -> Numbers:
 
 def column_factor(mechanism: Mechanism, name: str) -> float:
     """Return the SI value of one file unit of a parameter or of an open quantity."""
-    for p in mechanism.parameters:
-        if p.name == name:
-            return mechanism.units.factor(p.quantity)
+    return _column(mechanism, name)[0]
+
+
+def column_unit(mechanism: Mechanism, name: str) -> str:
+    """Return the unit of a parameter or of an open quantity, in file units."""
+    return parameter_unit(mechanism, name) if name in mechanism.names else _column(
+        mechanism, name)[1]
+
+
+def _column(mechanism: Mechanism, name: str) -> tuple[float, str]:
+    """Return the SI value of one unit of a column, and the unit, of a parameter its quantity's."""
     head = name.split(" of ")[0]
-    if head.startswith("homing."):
-        return mechanism.joint_units[mechanism.actuators.index(head.removeprefix("homing."))][0]
-    if head == "scale":
-        return 1e-6
-    if quantity := _of_effect(mechanism, head):
-        return mechanism.units.factor(quantity)
-    return mechanism.units.factor(coordinate_quantity(head.split(".")[-1]))
+    quantity = next((p.quantity for p in mechanism.parameters if p.name == name), None)
+    if quantity is None and head.startswith("homing."):
+        return mechanism.joint_units[mechanism.actuators.index(head.removeprefix("homing."))]
+    if quantity is None and head == "scale":
+        return 1e-6, "ppm"
+    if quantity is None:
+        quantity = _of_effect(mechanism, head) or coordinate_quantity(head.split(".")[-1])
+    return mechanism.units.factor(quantity), mechanism.units.name(quantity)
 
 
 def _of_effect(mechanism: Mechanism, head: str) -> str:
@@ -85,20 +94,6 @@ def _of_effect(mechanism: Mechanism, head: str) -> str:
     kind = effect_kinds().get(head.split(".")[0])
     return "" if kind is None else next(s.quantity for s in kind.parameters(mechanism.motion)
                                         if s.name == head.split(".")[-1])
-
-
-def column_unit(mechanism: Mechanism, name: str) -> str:
-    """Return the unit of a parameter or of an open quantity, in file units."""
-    if name in mechanism.names:
-        return parameter_unit(mechanism, name)
-    head = name.split(" of ")[0]
-    if head.startswith("homing."):
-        return mechanism.joint_units[mechanism.actuators.index(head.removeprefix("homing."))][1]
-    if head == "scale":
-        return "ppm"
-    if quantity := _of_effect(mechanism, head):
-        return mechanism.units.name(quantity)
-    return mechanism.units.name(coordinate_quantity(head.split(".")[-1]))
 
 
 def parameter_unit(mechanism: Mechanism, name: str) -> str:
