@@ -89,6 +89,12 @@ def takes_none(mechanism: Mechanism) -> NoResult:
                     "Check `home` and `limits`, and the model with `ppmcal check`")
 
 
+def next_to_none(mechanism: Mechanism) -> NoResult:
+    """Return the error of a machine of which hardly a pose is within its limits."""
+    return NoResult("the machine takes next to no pose around home within its limits",
+                    mechanism.source, "Check `home` and `limits`")
+
+
 def rms(values: Array) -> float:
     """Return the root mean square of values (n,)."""
     return float(np.sqrt(np.mean(values**2)))

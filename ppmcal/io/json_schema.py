@@ -69,6 +69,11 @@ def _of(model: type[BaseModel], title: str) -> Schema:
     definitions["Point"] = _point()
     definitions["Direction"] = {"anyOf": [VECTOR, {"$ref": "#/$defs/DirectionFile"}]}
     definitions["Effect"] = _effect(definitions.pop("EffectFile"))
+    return finished(out, title)
+
+
+def finished(out: Schema, title: str) -> Schema:
+    """Return the schema of a file that people write, under its own title."""
     without_null(out)
     return {"$schema": DIALECT, "title": title, **{k: v for k, v in out.items() if k != "title"}}
 

@@ -13,11 +13,8 @@ from ppmcal.io.results.comparison import (
     NOT_COMPARED,
     ComparisonRecord,
     ParameterDifference,
-    anew_sentence,
-    apart_sentence,
-    noise_sentence,
+    about_changes,
     platform_sentence,
-    remainder_sentence,
     verdict_sentence,
 )
 from ppmcal.plotting.canvas import Drawing
@@ -86,10 +83,9 @@ def _changes(r: ComparisonRecord) -> str:
                          number_cell(c.probability, sig(c.probability, 3) or "–"),
                          text_cell("" if i else abbreviate_list(c.instead, most=6)
                                    or "nothing else", "wrap")])
-    said = [remainder_sentence(r), apart_sentence(r), noise_sentence(r), anew_sentence(r)]
     return table("The likeliest changes that explain it",
                  ["what", "changed by", "95 %", "unit", "probability", "or"], rows) + "".join(
-                     paragraph(typeset(s)) for s in said if s)
+                     paragraph(typeset(s)) for s in about_changes(r))
 
 
 def _likeliest(rows: Sequence[ParameterDifference]) -> str:

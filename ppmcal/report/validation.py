@@ -12,11 +12,10 @@ from ppmcal.io.results.validation import (
     PredictedError,
     ValidatedDataset,
     ValidationRecord,
-    effects_sentence,
+    basis,
     misled,
     model_sentence,
-    noise_sentence,
-    registered_sentence,
+    prediction,
 )
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import Layer, Marks, Points, Strokes
@@ -35,8 +34,8 @@ def days(datasets: Sequence[ValidatedDataset]) -> str:
     """Return picture, table and words of every data set."""
     out = figures(drawings(datasets))
     for data in datasets:
-        out += paragraph(typeset(f"{model_sentence(data)} {effects_sentence(data)}".strip()))
-        how = typeset(f"{registered_sentence(data)} {noise_sentence(data)}".strip())
+        out += paragraph(typeset(prediction(data)))
+        how = typeset(basis(data))
         out += table(how, _heads(data), [_row(e) for e in data.errors]) if data.errors else ""
     return out
 

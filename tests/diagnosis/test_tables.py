@@ -31,10 +31,7 @@ from ppmcal.errors import BadInput
 from ppmcal.io.results import diagnosis_wording as wording
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_files import effects_csv
-from ppmcal.io.results.diagnosis_parts import (
-    DiagnosedEffect,
-    SuspectedEffect,
-)
+from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, SuspectedEffect
 from ppmcal.io.results.learned_parts import LearnedEntry
 from ppmcal.io.results.left_out_wording import gap_closed, predicted
 from ppmcal.model.effects import find_effect

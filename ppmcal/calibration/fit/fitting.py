@@ -17,11 +17,7 @@ import numpy as np
 from ppmcal import linalg
 from ppmcal.calibration.fit.fit_result import Fit, FitOptions
 from ppmcal.calibration.fit.gauss_newton import least_squares, prior_square
-from ppmcal.calibration.fit.linearisation import (
-    column_scale,
-    parameter_scale,
-    prior_weights,
-)
+from ppmcal.calibration.fit.linearisation import column_scale, parameter_scale, prior_weights
 from ppmcal.calibration.fit.normal_equations import normal_sums
 from ppmcal.calibration.fit.observation import coordinates, shown
 from ppmcal.calibration.fit.outliers import gross_errors

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, create_model
 
 from ppmcal.commands import command
 from ppmcal.commands.spec import CONSOLE, Taken, flags, taken
-from ppmcal.io.json_schema import DIALECT, Schema, without_null
+from ppmcal.io.json_schema import Schema, finished
 from ppmcal.io.schema import SEED, Count, Flag, Label, Number, Strict, choice, refuse, show
 
 FORMAT = "ppmcal/batch/1"
@@ -149,6 +149,4 @@ def manifest_schema() -> Schema:
     out["$defs"]["CampaignFile"]["properties"]["options"] |= {"anyOf": [
         {"$ref": f"#/$defs/{options.__name__}"} for options in OPTIONS.values()]}
     out["properties"]["campaigns"]["minItems"] = 1
-    without_null(out)
-    title = "ppmcal batch (a manifest of campaigns)"
-    return {"$schema": DIALECT, "title": title, **{k: v for k, v in out.items() if k != "title"}}
+    return finished(out, "ppmcal batch (a manifest of campaigns)")

@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import BeforeValidator, Field
 
 from ppmcal.errors import BadInput
-from ppmcal.io.json_schema import DIALECT, Schema, without_null
+from ppmcal.io.json_schema import Schema, finished
 from ppmcal.io.results.certificate_content import ISO_AXES, ISO_POSES
 from ppmcal.io.schema import Label, Positive, Strict, UnitsFile, check, choice, refuse, show
 from ppmcal.io.schema import numbers as numbers_of
@@ -206,7 +206,4 @@ def read_about(path: str | os.PathLike[str]) -> AboutFile:
 
 def about_schema() -> Schema:
     """Return the JSON Schema of such a file."""
-    out = AboutFile.model_json_schema()
-    without_null(out)
-    title = "ppmcal certify (who certifies what)"
-    return {"$schema": DIALECT, "title": title, **{k: v for k, v in out.items() if k != "title"}}
+    return finished(AboutFile.model_json_schema(), "ppmcal certify (who certifies what)")

@@ -22,12 +22,9 @@ from ppmcal.io.results.batch import CampaignQuantity, change_quantities
 from ppmcal.io.results.comparison import (
     ComparisonRecord,
     ParameterDifference,
-    anew_sentence,
-    apart_sentence,
+    about_changes,
     change_sentence,
-    noise_sentence,
     platform_sentence,
-    remainder_sentence,
     verdict_sentence,
 )
 from ppmcal.io.results.knowledge import read_knowledge, read_posterior
@@ -199,8 +196,7 @@ class ComparisonResult(Result):
         record = self.record
         yield verdict_sentence(record)
         yield from map(change_sentence, record.changes)
-        yield from filter(None, (remainder_sentence(record), apart_sentence(record),
-                                 noise_sentence(record), anew_sentence(record)))
+        yield from about_changes(record)
         if not record.parameters:
             return
         rows = sorted(record.parameters, key=lambda r: r.p_alone or 0.0)

@@ -47,10 +47,7 @@ from ppmcal.io.results.batch import CampaignQuantity, effect_quantities, fit_qua
 from ppmcal.io.results.campaign import campaign_sentences
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_files import files
-from ppmcal.io.results.diagnosis_parts import (
-    EffectValue,
-    HeldOutGap,
-)
+from ppmcal.io.results.diagnosis_parts import EffectValue, HeldOutGap
 from ppmcal.io.results.diagnosis_wording import (
     actuators,
     confounded,

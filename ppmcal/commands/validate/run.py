@@ -23,10 +23,9 @@ from ppmcal.io.results.own_calibration import rows_seen, seen_before
 from ppmcal.io.results.validation import (
     ValidatedDataset,
     ValidationRecord,
-    effects_sentence,
+    basis,
     model_sentence,
-    noise_sentence,
-    registered_sentence,
+    prediction,
 )
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import REGISTERED
@@ -67,9 +66,9 @@ class ValidationResult(Result):
     def told(self) -> Iterator[Told]:
         """Yield what was fitted of each data set, and how well each machine predicts it."""
         for data in self.record.datasets:
-            yield f"{registered_sentence(data)} {noise_sentence(data)}".strip()
+            yield basis(data)
             yield errors_table(data)
-            yield f"{model_sentence(data)} {effects_sentence(data)}".strip()
+            yield prediction(data)
 
     def headline(self) -> str:
         """Return how well the first data set is predicted."""

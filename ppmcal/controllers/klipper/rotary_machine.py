@@ -21,14 +21,7 @@ from ppmcal.controllers.delta.fit import (
 )
 from ppmcal.controllers.delta.geometry import MM, TOWERS
 from ppmcal.controllers.delta.machine import endstop
-from ppmcal.controllers.export import (
-    Exported,
-    NotExpressed,
-    Number,
-    effects_lacking,
-    head,
-    misread,
-)
+from ppmcal.controllers.export import Exported, NotExpressed, Number, effects_lacking, head, misread
 from ppmcal.controllers.importing import MACHINE, ImportedFiles, machine_head
 from ppmcal.controllers.klipper.config import moved, parse_config, read_config, read_touches
 from ppmcal.controllers.klipper.rotary import (

@@ -47,7 +47,8 @@ from ppmcal.controllers.linuxcnc.hal import (
     read_hal,
 )
 from ppmcal.controllers.linuxcnc.pentakins import export_pentapod, is_pentapod
-from ppmcal.errors import BadInput, NoResult
+from ppmcal.controllers.pose_errors import next_to_none
+from ppmcal.errors import BadInput
 from ppmcal.io import read_poses
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.linalg import Array, finite_rows
@@ -83,8 +84,7 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
     drive = drive_of(mechanism, LENGTHS[unit])
     around, far, turn = grid(drive)
     if len(around) < ENOUGH:
-        raise NoResult("the machine takes next to no pose around home within its limits",
-                       mechanism.source, "Check `home` and `limits`")
+        raise next_to_none(mechanism)
     new = rounded(best(drive, genhexkins_setting(drive, present), around))
     old_pins = genhexkins_setting(drive_of(mechanism.nominal(), drive.unit)).geometry
     before = GenhexkinsSetting(

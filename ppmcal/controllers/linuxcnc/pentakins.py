@@ -21,17 +21,10 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ppmcal import algebra as cga
-from ppmcal.controllers.export import (
-    Exported,
-    NotExpressed,
-    Number,
-    effects_lacking,
-    head,
-    misread,
-)
+from ppmcal.controllers.export import Exported, NotExpressed, Number, effects_lacking, head, misread
 from ppmcal.controllers.linuxcnc.hal import DIGITS, Joint, format_joints, parse_joints
-from ppmcal.controllers.pose_errors import pose_errors
-from ppmcal.errors import BadInput, NoResult
+from ppmcal.controllers.pose_errors import next_to_none, pose_errors
+from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.partial_pose import inverse_partial, pose_vector
@@ -164,8 +157,7 @@ def _poses(mechanism: Mechanism) -> Array:
         inside = np.all((found.q >= low) & (found.q <= high), axis=1)
     good = finite_rows(found.pose) & inside
     if good.sum() < ENOUGH:
-        raise NoResult("the machine takes next to no pose around home within its limits",
-                       mechanism.source, "Check `home` and `limits`")
+        raise next_to_none(mechanism)
     return np.asarray(found.pose[good])
 
 

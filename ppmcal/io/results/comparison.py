@@ -186,7 +186,7 @@ def verdict_sentence(r: ComparisonRecord) -> str:
     return f"{about} (chi-squared {r.chi2:.4g} of {r.degrees} degrees of freedom{chance}{sure})."
 
 
-def anew_sentence(r: ComparisonRecord) -> str:
+def _anew(r: ComparisonRecord) -> str:
     """Return what both were fitted anew with, empty where they are compared as they were."""
     if not r.fitted_anew:
         return ("Both were fitted to their measurements again, from one point; values are of those "
@@ -195,7 +195,7 @@ def anew_sentence(r: ComparisonRecord) -> str:
             "their measurements again with these free; values are of those fits.")
 
 
-def remainder_sentence(r: ComparisonRecord) -> str:
+def _remainder(r: ComparisonRecord) -> str:
     """Return what the named changes do not explain, empty where they explain all."""
     if r.verdict == "changed" and not r.changes:
         return "Nothing by itself explains it."
@@ -203,6 +203,11 @@ def remainder_sentence(r: ComparisonRecord) -> str:
         return (f"That does not explain all of it: something that is not listed has changed too "
                 f"(probability {r.unlisted:.3g}).")
     return ""
+
+
+def about_changes(r: ComparisonRecord) -> list[str]:
+    """Return what else is to be said of the changes: what they leave, what hides or shares them."""
+    return [s for s in (_remainder(r), _apart(r), noise_sentence(r), _anew(r)) if s]
 
 
 def change_sentence(c: NamedChange) -> str:
@@ -214,7 +219,7 @@ def change_sentence(c: NamedChange) -> str:
     return about + (f"; as likely: {', '.join(c.instead[:SHOWN])}{more}." if c.instead else ".")
 
 
-def apart_sentence(r: ComparisonRecord) -> str:
+def _apart(r: ComparisonRecord) -> str:
     """Return where the two fits differ otherwise than the named changes say, empty if nowhere.
 
     Parameters that trade with each other share a change among them in each fit as noise and

@@ -8,14 +8,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from ppmcal.calibration.fit import (
-    Fit,
-    SessionKnowledge,
-    data_rows,
-    half_interval,
-    half_or,
-    of_data,
-)
+from ppmcal.calibration.fit import Fit, SessionKnowledge, data_rows, half_interval, half_or, of_data
 from ppmcal.calibration.knowledge import Considered, Estimate
 from ppmcal.calibration.sessions import session_knowledge
 from ppmcal.calibration.validation import Dependence, Identification

@@ -6,7 +6,7 @@ from ppmcal.diagnosis.left_out_schemes import SESSION
 from ppmcal.diagnosis.result import LeftOutBlocks
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import HeldOutGap
-from ppmcal.io.results.validation import effects_sentence, model_sentence
+from ppmcal.io.results.validation import prediction
 from ppmcal.wording import known, percent
 
 
@@ -58,7 +58,7 @@ def another_day(record: DiagnosisRecord) -> list[str]:
     if record.effects and not record.validation:
         return ["No second session here shows whether this holds on another day: measure one "
                 "(ppmcal validate)."]
-    return [f"From the other sessions, {model_sentence(day)} {effects_sentence(day)}".strip()
+    return [f"From the other sessions, {prediction(day)}"
             for day in record.validation]
 
 

@@ -255,6 +255,16 @@ def effect_left_out(model: str) -> str:
     return model.removeprefix(WITHOUT) if model.startswith(WITHOUT) else ""
 
 
+def prediction(data: ValidatedDataset) -> str:
+    """Return how well the model predicts a data set, and what its effects are worth there."""
+    return f"{model_sentence(data)} {effects_sentence(data)}".strip()
+
+
+def basis(data: ValidatedDataset) -> str:
+    """Return which rows these are, what was fitted of them, and their noise."""
+    return f"{registered_sentence(data)} {noise_sentence(data)}".strip()
+
+
 def effects_sentence(data: ValidatedDataset) -> str:
     """Return what the effects are worth there, empty where there is none."""
     parts: dict[str, list[str]] = {"worse": [], "better": [], "same": []}
