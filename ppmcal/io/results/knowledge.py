@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -126,7 +125,7 @@ def read_posterior(path: Path, mechanism: Mechanism) -> Posterior:
     try:
         covariance = _part(record.covariance, "names", "prior", "inflation")
         names = [n for n in covariance.names if " of " not in n]
-        known = _information(covariance, len(names))
+        matrix, right, tolerance, scale, inflation = _information(covariance, len(names))
         value = _values(record, names)
         inputs = tables_of(record)
         session = _session(covariance.session, mechanism, names)
@@ -140,9 +139,8 @@ def read_posterior(path: Path, mechanism: Mechanism) -> Posterior:
                        "Use the machine file that it was made with")
     factor = np.array([column_factor(mechanism, n) for n in names])
     return Posterior(tuple(mechanism.names.index(n) for n in names), value * factor,
-                     known.matrix / factor, known.right, known.tolerance * factor,
-                     known.scale * factor, known.inflation, inputs, str(path), session,
-                     rows)
+                     matrix / factor, right, tolerance * factor, scale * factor, inflation,
+                     inputs, str(path), session, rows)
 
 
 def check_data_not_reused(before: Posterior, source: Mapping[str, Any]) -> None:
@@ -287,19 +285,11 @@ def _in_si(found: T, units: Units) -> T:
         raise _Incomplete from error
 
 
-@dataclass(frozen=True, eq=False)
-class _Information:
-    """Rows |matrix s - right|^2 of steps s, with the prior's ``tolerance`` and ``scale`` (F,)."""
+def _information(entry: CovarianceEntry, count: int) -> tuple[Array, Array, Array, Array, float]:
+    """Return rows |matrix s - right|^2 of steps s (k, F), (k,), tolerance, scale (F,), inflation.
 
-    matrix: Array
-    right: Array
-    tolerance: Array
-    scale: Array
-    inflation: float
-
-
-def _information(entry: CovarianceEntry, count: int) -> _Information:
-    """Return what the data alone say, file units."""
+    What the data alone say, file units, and the prior.
+    """
     _part(entry, "data_matrix", "data_right", "unit_of_parameters")
     right = _finite(entry.data_right, len(entry.data_right))
     matrix = _matrix(entry.data_matrix, right.size, count)
@@ -310,7 +300,7 @@ def _information(entry: CovarianceEntry, count: int) -> _Information:
     if np.isnan(matrix).any() or not (np.all(tolerance > 0.0) and np.all(scale > 0.0)
                                       and inflation >= 1.0):
         raise _Incomplete
-    return _Information(matrix, right, tolerance, scale, inflation)
+    return matrix, right, tolerance, scale, inflation
 
 
 def _session(entry: SessionKnowledge | None, mechanism: Mechanism, parameters: Sequence[str]
