@@ -32,7 +32,7 @@ TURNED = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
-class _LimbAtPoses:
+class _OneLimb:
     """One limb of a kind at each of N poses, maybe another one at each.
 
     ``values``: its slots, a number or (N,), and ``directions`` (3,) or (N, 3), SI; ``pose``: motors
@@ -46,7 +46,7 @@ class _LimbAtPoses:
     reach: float
 
     @classmethod
-    def of(cls, model: Model, limbs: Sequence[int], pose: Array) -> _LimbAtPoses:
+    def of(cls, model: Model, limbs: Sequence[int], pose: Array) -> _OneLimb:
         """Return limbs of one kind at poses (N, 8): all poses of the first, then of the next."""
         first, every = model.mechanism.limbs[limbs[0]], [model.limb_values[i] for i in limbs]
         directions, values = frozenset(first.constants), dict(every[0])
@@ -66,7 +66,7 @@ class _LimbAtPoses:
     def turned(self) -> bool:
         return self.kind.is_turned(self.values)
 
-    def taken(self, rows: Ints) -> _LimbAtPoses:
+    def taken(self, rows: Ints) -> _OneLimb:
         """Return some of the rows, one maybe more often."""
         return replace(self, pose=self.pose[rows], values={
             name: value if np.ndim(value) == (name in self.directions) else value[rows]
@@ -80,7 +80,7 @@ def limb_roots(model: Model, index: int, pose: Array) -> tuple[Array, Array]:
     enters linearly. nan where the limb cannot reach; the second result is then positive:
     the missing length (sphere or plane distance at the closest joint value), m.
     """
-    return _solved(_LimbAtPoses.of(model, (index,), pose))
+    return _solved(_OneLimb.of(model, (index,), pose))
 
 
 def all_roots(model: Model, pose: Array) -> dict[int, tuple[Array, Array]]:
@@ -92,14 +92,14 @@ def all_roots(model: Model, pose: Array) -> dict[int, tuple[Array, Array]]:
         together.setdefault(i if alone else (kind.name, tuple(sorted(values))), []).append(i)
     out = {}
     for limbs in together.values():
-        roots, missing = _solved(_LimbAtPoses.of(model, limbs, pose))
+        roots, missing = _solved(_OneLimb.of(model, limbs, pose))
         for i, r, m in zip(limbs, np.split(roots, len(limbs)), np.split(missing, len(limbs)),
                            strict=True):
             out[i] = r, m
     return dict(sorted(out.items()))
 
 
-def _solved(limb: _LimbAtPoses) -> tuple[Array, Array]:
+def _solved(limb: _OneLimb) -> tuple[Array, Array]:
     """Return both roots (N, 2), and by how much the limb misses (N,)."""
     roots, nearest = _root_pair(limb)
     if limb.turned:
@@ -118,14 +118,14 @@ def nearest_joint(model: Model, index: int, pose: Array) -> Array:
 
     Of use where it has no root: as far as the limb reaches.
     """
-    limb = _LimbAtPoses.of(model, (index,), pose)
+    limb = _OneLimb.of(model, (index,), pose)
     nearest = _root_pair(limb)[1]
     if limb.turned:
         nearest = _turned_root(limb, nearest, 0)[1]
     return np.where(np.isfinite(nearest), nearest, 0.0)
 
 
-def _root_pair(limb: _LimbAtPoses, held: Mapping[str, Array] | None = None) -> tuple[Array, Array]:
+def _root_pair(limb: _OneLimb, held: Mapping[str, Array] | None = None) -> tuple[Array, Array]:
     """Return both roots u (N, 2) with a universal joint held at its turn, and the nearest u (N,).
 
     ``held``: its turn, as :meth:`LimbKind.turn`; nothing where its axes meet.
@@ -138,7 +138,7 @@ def _root_pair(limb: _LimbAtPoses, held: Mapping[str, Array] | None = None) -> t
     return _trigonometric_roots(f)
 
 
-def _turned_root(limb: _LimbAtPoses, u: Array, which: int) -> tuple[Array, Array]:
+def _turned_root(limb: _OneLimb, u: Array, which: int) -> tuple[Array, Array]:
     """Return one root (N,) of a limb with an offset universal joint, and the nearest u (N,).
 
     The joint is held as it stands at u and the limb solved in closed form, again and again: the
@@ -157,7 +157,7 @@ def _turned_root(limb: _LimbAtPoses, u: Array, which: int) -> tuple[Array, Array
     return root, near
 
 
-def _inner_product(limb: _LimbAtPoses, u: Array | float, held: Mapping[str, Array] | None = None) -> Array:
+def _inner_product(limb: _OneLimb, u: Array | float, held: Mapping[str, Array] | None = None) -> Array:
     """Return the raw inner product of the limb's first closure equation (N,), m^2 or m.
 
     ``held``: the turn of an offset universal joint, where it is not that at the pose.
@@ -168,7 +168,7 @@ def _inner_product(limb: _LimbAtPoses, u: Array | float, held: Mapping[str, Arra
     return np.asarray(cga.inner(body.fixed[:, 0], carried), dtype=float)
 
 
-def _inner_products(limb: _LimbAtPoses, u: Array, held: Mapping[str, Array] | None = None) -> Array:
+def _inner_products(limb: _OneLimb, u: Array, held: Mapping[str, Array] | None = None) -> Array:
     """Return the same at several joint coordinates (N, s) of each pose (N, s).
 
     All at once where poses are so few that calls are what takes the time.
@@ -182,7 +182,7 @@ def _inner_products(limb: _LimbAtPoses, u: Array, held: Mapping[str, Array] | No
     return _inner_product(limb.taken(rows), u.ravel(), again).reshape(count, several)
 
 
-def _distance(limb: _LimbAtPoses, u: Array) -> Array:
+def _distance(limb: _OneLimb, u: Array) -> Array:
     """Return how far the limb ends from closing at joint coordinates ``u`` (N,), m."""
     body = limb.kind.evaluate({**limb.values, U: np.where(np.isfinite(u), u, 0.0)}, (), limb.pose)
     c = cga.inner(body.fixed[:, 0], cga.move_vector(limb.pose, body.moving[:, 0]))
@@ -230,7 +230,7 @@ def _trigonometric_roots(f: Array) -> tuple[Array, Array]:
             np.where(k > 0.0, middle + np.pi, middle))
 
 
-def _polished(limb: _LimbAtPoses, u: Array) -> Array:
+def _polished(limb: _OneLimb, u: Array) -> Array:
     """Return roots (N, 2) after one Newton step on the closure equation itself.
 
     It counts only where it is small and finite.

@@ -13,7 +13,7 @@ from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.limb_roots import (
     _distance,
     _inner_product,
-    _LimbAtPoses,
+    _OneLimb,
     _polished,
     _polynomial_roots,
     _trigonometric_roots,
@@ -69,11 +69,11 @@ def test_a_newton_step_squares_what_a_root_is_off_if_it_is_little(name: str) -> 
     scale = mechanism.reach if mechanism.actuator_quantity[0] == "length" else 1.0
     for index in range(2):
         roots = limb_roots(model, index, pose)[0]
-        near = _polished(_LimbAtPoses.of(model, [index], pose), roots + 1e-5 * scale)
+        near = _polished(_OneLimb.of(model, [index], pose), roots + 1e-5 * scale)
         np.testing.assert_allclose(near, roots, rtol=0.0, atol=2e-9 * scale)
         far = roots + 1e-2 * scale
-        np.testing.assert_array_equal(_polished(_LimbAtPoses.of(model, [index], pose), far), far)
-        assert np.isnan(_polished(_LimbAtPoses.of(model, [index], pose), np.full((1, 2), np.nan))).all()
+        np.testing.assert_array_equal(_polished(_OneLimb.of(model, [index], pose), far), far)
+        assert np.isnan(_polished(_OneLimb.of(model, [index], pose), np.full((1, 2), np.nan))).all()
 
 
 @pytest.mark.parametrize("most", [0.0, 0.3])
@@ -88,8 +88,8 @@ def test_an_offset_joint_is_turned_until_it_stands_still(kind: str, body: str, m
         exact = limb_roots(model, index, pose)[0]
         for which in range(2):
             start = exact[:, which] + np.linspace(most, 0.3, len(pose)) * mechanism.reach
-            found, near = _turned_root(_LimbAtPoses.of(model, [index], pose), start, which)
-            miss = _inner_product(_LimbAtPoses.of(model, [index], pose), found)
+            found, near = _turned_root(_OneLimb.of(model, [index], pose), start, which)
+            miss = _inner_product(_OneLimb.of(model, [index], pose), found)
             assert np.abs(miss).max() < 1e-11 * mechanism.reach**2
             np.testing.assert_array_equal(near, found)
 
@@ -132,7 +132,7 @@ def test_the_nearest_joint_is_where_the_limb_misses_least(body: str) -> None:
     pose = cga.compose(away, spread(model)[1])
     for index in range(2):
         at, h = nearest_joint(model, index, pose), 1e-4 * mechanism.reach
-        limb = _LimbAtPoses.of(model, [index], pose)
+        limb = _OneLimb.of(model, [index], pose)
         here, below, above = (_distance(limb, at + s * h) for s in (0, -1, 1))
         assert (here > mechanism.reach).all()
         assert np.abs(above - below).max() < 1e-3 * h
