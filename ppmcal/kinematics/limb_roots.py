@@ -157,12 +157,12 @@ def _turned_root(limb: _OneLimb, u: Array, which: int) -> tuple[Array, Array]:
     return root, near
 
 
-def _inner_product(limb: _OneLimb, u: Array | float, held: Mapping[str, Array] | None = None) -> Array:
+def _inner_product(limb: _OneLimb, u: Array, held: Mapping[str, Array] | None = None) -> Array:
     """Return the raw inner product of the limb's first closure equation (N,), m^2 or m.
 
     ``held``: the turn of an offset universal joint, where it is not that at the pose.
     """
-    values = {**limb.values, U: np.asarray(u, dtype=float), **(held or {})}
+    values = {**limb.values, U: u, **(held or {})}
     body = limb.kind.evaluate(values, (), limb.pose if held is None else None)
     carried = cga.move_vector(limb.pose, body.moving[:, 0])
     return np.asarray(cga.inner(body.fixed[:, 0], carried), dtype=float)
