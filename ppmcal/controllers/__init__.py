@@ -70,6 +70,8 @@ class Controller:
             the machine's file or folder, ``{old}`` the controller's own file that it was imported
             from: words with that are said of such machines alone.
         drives: whether it drives a machine.
+        named: what its numbers call the parameters of a machine that was imported from it, in a
+            sentence; empty where that is not said.
     """
 
     order: int
@@ -82,6 +84,7 @@ class Controller:
     examples: tuple[tuple[str, str], ...] = ()
     use: str = ""
     drives: Callable[[Mechanism], bool] = lambda _: True
+    named: Callable[[Mechanism], str] = lambda _: ""
 
 
 @cache
@@ -160,6 +163,12 @@ def uses(mechanism: Mechanism, model: str, form: str = "", old: str = "") -> lis
     return [one.use.format(model=model, old=old) for one in found
             if one is not None and one.use and (old or "{old}" not in one.use)
             and one.drives(mechanism)]
+
+
+def own_words(mechanism: Mechanism, form: str) -> str:
+    """Return what the format ``form`` calls the parameters of a machine imported from it."""
+    known = own().get(form)
+    return "" if known is None else known.named(mechanism)
 
 
 def examples(command: str) -> tuple[str, ...]:

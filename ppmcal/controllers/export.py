@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -98,12 +98,20 @@ def offset_words(limb: str, offset: float) -> str:
 
 @dataclass(frozen=True)
 class Number:
-    """One number that the controller takes, in the controller's own unit."""
+    """One number that the controller takes, in the controller's own unit.
+
+    ``half``: of its 95 % interval, None where nobody knows.
+    """
 
     name: str
     old: float | None
     new: float
     unit: str
+    half: float | None = None
+
+
+Again = Callable[[Mechanism], Mapping[str, float]]
+"""The numbers, by name, of a machine that has other parameters and is the same otherwise."""
 
 
 @dataclass(frozen=True)
@@ -169,6 +177,8 @@ class Exported:
         advice: sentences on how to bring the numbers into the controller.
         extra: more for export.json.
         copy: which of the files is a copy of the controller's own with the new numbers.
+        again: the numbers of the machine with other parameters, by which it is worked out how well
+            each is known; None where that is not, as of a table's largest entry.
     """
 
     controller: str
@@ -186,6 +196,7 @@ class Exported:
     poses: Array | None = None
     uncertainty: PoseUncertainty = UNKNOWN
     copy: str = ""
+    again: Again | None = None
 
     def expected(self, errors: ErrorSummary) -> ErrorSummary | None:
         """Return the error to expect with ``before`` or ``after``: what the model lacks is in both.
@@ -243,6 +254,7 @@ def record_of(exported: Exported, name: str, provenance: Mapping[str, Any]) -> E
         parameters={n.name: n.new for n in exported.numbers},
         old={n.name: n.old for n in exported.numbers if n.old is not None},
         number_units={n.name: n.unit for n in exported.numbers},
+        number_half={n.name: n.half for n in exported.numbers if n.half is not None},
         title=exported.title, summary=exported.summary, over=exported.over,
         lines=_few_lines(exported),
         lost=exported.after.rms_entry(), model=exported.uncertainty.entry(),

@@ -62,9 +62,9 @@ def findings(before: Fit, after: Fit, left: LackOfFit, effects: Sequence[NamedEf
             said.append(rows_left_out(data, reasons))
         back = sorted(set(old) - set(reasons))
         if back:
-            said.append(Note(f"{data.name}: {pluralize(len(back), 'row')} at first taken for "
-                             "outliers, explained by the effects and back in use", NOTE,
-                             topic="row weights"))
+            said.append(Note(f"{data.name}: {pluralize(len(back), 'row')} that a fit of geometry "
+                             f"alone left out {'are' if len(back) > 1 else 'is'} explained by the "
+                             "effects, and in use", NOTE, topic="row weights"))
     if out.sentence:
         said.append(Note(out.sentence, topic="row weights"))
     if left.excess >= SURE_SIGMAS:

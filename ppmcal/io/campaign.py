@@ -93,6 +93,7 @@ def _of_columns(table: Table, file: SidecarFile, side: str, mechanism: Mechanism
         own = {column: header for header, column in part.columns.items()}
         out.append(replace(
             data, mark=part.target, wide=True, headers={**data.headers, **own}, stands=data.rows,
+            headed={n: (own.get(n, h), unit) for n, (h, unit) in data.headed.items()},
             read=file.read.model_dump(exclude_unset=True),
             findings=tuple(n for n in data.findings if n not in told)))
         told |= set(data.findings)

@@ -91,7 +91,7 @@ def check_columns(header: Sequence[str], mechanism: Mechanism, source: str,
             raise BadInput(f"unknown column '{name}'", f"{source}: header",
                            f"Rename or remove it; the actuators are "
                            f"{', '.join(mechanism.actuators)}."
-                           f"{did_you_mean(name, known)}")
+                           f"{did_you_mean(name, [k for k in known if k not in header])}")
 
 
 def is_nobodys(name: str, known: Collection[str]) -> bool:

@@ -119,6 +119,7 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism,
     convention = read.rotation or (
         "quat-xyzw" if any(c.name == "quat_x" for c in columns) else "rotvec")
     headers = {c.name: c.called for c in columns if c.name != c.called}
+    headed = {c.name: (c.header, c.unit) for c in columns if c.unit}
     strange, more = names.strangers({c.name: table.text.get(c.header) for c in columns}, mechanism,
                                     known, source)
     columns, findings = [c for c in columns if c.name not in strange], [*findings, *more]
@@ -160,7 +161,7 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism,
                                      *_contradicted(labels, groups, source)),
         extra=_fixed_point(file, to_q, mechanism, units, side), units=units,
         convention=convention, read=read.model_dump(exclude_unset=True),
-        headers=headers, recorded=recorded)
+        headers=headers, headed=headed, recorded=recorded)
     data.kind.refuse(mechanism.motion, mechanism.surplus, side, mechanism.gravity)
     refuse_noise(data, mechanism, side)
     _remark(data, table, file, side)

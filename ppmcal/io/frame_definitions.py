@@ -24,7 +24,7 @@ from ppmcal.kinematics.rotations import vector_like
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset, Unknown, tracker_noise
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.model.registration import DefinedFrame, Registration
+from ppmcal.model.registration import FIRST_POSE, DefinedFrame, Registration
 from ppmcal.notes import NOTE, Note
 from ppmcal.units import Units
 
@@ -34,7 +34,6 @@ POINTS = {"origin": "the base frame's origin", "x_axis": "a point of its x axis"
 TOLD = 0.1
 """Points whose noise turns an axis by more than this, rad, do not define it."""
 EXAMPLE = "{points: {origin: [0, 0, 0], x_axis: [900, 0, 0], plane: [100, 700, 0]}}"
-FIRST_POSE = "the first pose"
 
 
 def defined_frame(file: SidecarFile, mechanism: Mechanism, units: Units, side: str) -> Unknown:

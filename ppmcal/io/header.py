@@ -298,10 +298,13 @@ def _renamed(columns: Columns, read: ReadFile, known: Collection[str], source: s
             headers for one column.
     """
     place, there = f"{side}: read.columns", [c.name for c in columns]
+    # what is a column already is not what another one was meant to be
+    taken = {*read.columns.values(), *read.ignore, *(n for n in there if n in known)}
+    free = [n for n in there if n not in taken]
     for own, header in read.columns.items():
         if header not in there:
             raise BadInput(f"{source} has no column '{header}'", f"{place}.{own}",
-                           f"Its columns are {', '.join(there)}.{did_you_mean(header, there)}")
+                           f"Its columns are {', '.join(there)}.{did_you_mean(header, free)}")
         if own not in known and not own.startswith("temperature_"):
             raise unknown("column", own, known, place)
     names = {header: own for own, header in read.columns.items()}
@@ -312,7 +315,7 @@ def _renamed(columns: Columns, read: ReadFile, known: Collection[str], source: s
     for name in read.ignore:
         if name not in there:
             raise BadInput(f"{source} has no column '{name}'", f"{side}: read.ignore",
-                           f"Remove it there.{did_you_mean(name, there)}")
+                           f"Remove it there.{did_you_mean(name, free)}")
     for h in there:
         if h not in read.ignore and h not in names and h in read.columns:
             raise BadInput(f"'{read.columns[h]}' and '{h}' both are {h}", f"{place}.{h}",

@@ -149,7 +149,7 @@ def read_joints(source: Tabular, mechanism: Mechanism) -> JointTable:
     if missing:
         raise BadInput(f"there is no column {', '.join(missing)}", f"{table.source}: header",
                        f"Give one column for each actuator: {', '.join(names)}."
-                       f"{did_you_mean(missing[0], table.header)}")
+                       f"{did_you_mean(missing[0], [h for h in table.header if h not in names])}")
     units = mechanism.units
     q = stacked(table, names) * mechanism.joint_factors(units)
     return JointTable(q=q, given=_as_given(table), **_beside(table, names, mechanism))

@@ -87,6 +87,7 @@ class Dataset:
         convention: in which its rotation columns were read: ``rotvec``, ``quat-xyzw`` ...
         read: the sidecar's own block ``read``.
         headers: our column -> the file's header, where they differ.
+        headed: our column -> the file's header, and the unit that stands in it.
         recorded: how the file has joints or commanded poses; None: not as a file has them.
         chance: that two measurements of one pose agree in every digit, by noise and digits.
         before: rows of the campaign's files before this one.
@@ -139,6 +140,7 @@ class Dataset:
     convention: str = "rotvec"
     read: Mapping[str, Any] = field(default_factory=dict)
     headers: Mapping[str, str] = field(default_factory=dict)
+    headed: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     recorded: RecordedForm | None = None
     chance: float = 1.0
     before: int = 0

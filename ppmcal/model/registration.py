@@ -13,13 +13,16 @@ from ppmcal.linalg import Array
 from ppmcal.plain import Rows
 from ppmcal.units import Quantity
 
+FIRST_POSE = "the first pose"
+"""What defines a frame in which the nominal machine is right there."""
+
 
 @dataclass(frozen=True)
 class DefinedFrame:
     """What defines a base frame that is given, and how well.
 
     Attributes:
-        by: what defines it: ``three points``, ``the first pose``.
+        by: what defines it: ``three points``, or :data:`FIRST_POSE`.
         covariance: of the base's motion in the measuring frame (6, 6), displacement and rotation
             about the base's origin, base axes, m and rad.
     """

@@ -73,18 +73,22 @@ def _lines(r: ExportRecord) -> str:
 
 
 def _numbers(r: ExportRecord) -> str:
-    """Return what is written: old, new and change."""
-    rows = []
+    """Return what is written: old, new and change, and how well it is known."""
+    rows, known = [], bool(r.number_half)
     for name, new in r.parameters.items():
         was, now = number(r.old.get(name)), number(new)
         change = None if was is None or now is None else now - was
+        half = number(r.number_half.get(name))
         rows.append([name_cell(name), number_cell(was, fixed(was)), number_cell(now, fixed(now)),
                      number_cell(change, fixed(change, plus=True)),
+                     *[number_cell(half, "–" if half is None else sig(half, 3))] * known,
                      text_cell(r.number_units.get(name, ""))])
     more = (f"the first {MAX_ROWS} of {len(rows)}, export.json has them all"
             if len(rows) > MAX_ROWS else "")
     caption = "; ".join(t for t in ("What is written, in the controller's own numbers", more) if t)
-    return table(caption, ["parameter", "old", "new", "change", "unit"], rows[:MAX_ROWS], sort=True)
+    head = ["parameter", "old", "new", "change", *["± 95 %"] * known, "unit"]
+    note = paragraph(r.intervals_sentence().replace("+-", "±"), "note") if known else ""
+    return table(caption, head, rows[:MAX_ROWS], sort=True) + note
 
 
 def _gain(r: ExportRecord) -> Section | None:

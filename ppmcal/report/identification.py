@@ -219,7 +219,7 @@ def _row(p: ParameterEstimate) -> list[Cell]:
 
 
 def redundant(r: IdentificationRecord) -> Section | None:
-    """Return the unidentifiable combinations, one line for each redundant quantity."""
+    """Return the redundant combinations, one line for each quantity."""
     rows = [[name_cell(c.name or "?"), text_cell(typeset(combination(c)), "wrap")]
             for c in r.redundant]
     if not rows:
@@ -232,9 +232,9 @@ def redundant(r: IdentificationRecord) -> Section | None:
         f"{len(rows)} parameters are only identified in combination with others: {names}.")
     if r.unidentifiable:
         total = sum(s.combinations for s in r.unidentifiable)
-        said = paragraph(f"{count(total, 'combination')} cannot be identified by these data: "
+        said = paragraph(f"{total} redundant: combinations that these data cannot identify: "
                          f"{unidentifiable_words(r.unidentifiable)}.")
-    return Section("Unidentifiable combinations", said
+    return Section("Redundant combinations", said
                    + table("", ["one unit of", "acts like"], rows) + paragraph(note, "note"),
                    count(len(rows), "combination"), folded=True)
 

@@ -65,7 +65,8 @@ def unseen(one: Identified, kind: str, data: ReportData) -> tuple[str, str] | No
     """
     held = figure(one, "holdout", kind)
     if held.rms is not None:
-        return with_unit(held.rms, held.unit), "on poses kept out of the fit"
+        kept = "poses" if held.count is None else count(held.count, "row")
+        return with_unit(held.rms, held.unit), f"on {kept} kept out of the fit"
     for v in data.validated:
         for day in v.record.datasets if _is_of(one, v.record.provenance) else ():
             size = getattr(day.errors[0], kind, None) if day.errors else None
@@ -231,8 +232,8 @@ def _certainty(one: Identified, d: DiagnosisRecord | None) -> Line:
         parts += filter(None, [cause_probability(d), gap_closed(d).rstrip(".")])
     free = sum(p.status != "fixed" for p in r.parameters)
     if r.redundant:
-        parts.append(f"{count(len(r.redundant), 'combination')} of {count(free, 'parameter')} "
-                     "not determined by these poses; predictions are unaffected")
+        parts.append(f"{count(len(r.redundant), 'redundant combination')} of "
+                     f"{count(free, 'parameter')}; predictions are unaffected")
     weak = [p for p in r.parameters if p.disagree]
     if weak:
         parts.append(f"sessions disagree on {count(len(weak), 'parameter')}")

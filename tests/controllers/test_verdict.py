@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import json
+import math
+import re
 import shutil
 from pathlib import Path
 
 import pytest
 from helpers.commands import ppmcal
+
+from ppmcal.controllers import loaded, own_words
+from ppmcal.io import read_mechanism
 
 SAMPLE = Path(__file__).parents[2] / "sample_data" / "printer" / "printer.cfg"
 
@@ -19,8 +24,9 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copy(SAMPLE, here)
     ppmcal("import", "klipper", "printer.cfg", cwd=here)
     for out, data in (("heights", ["heights"]), ("both", ["heights", "distances"])):
-        ppmcal("identify", "imported/machine.yaml", *(f"imported/{one}.csv" for one in data),
-               "--out", out, cwd=here, expect=0)
+        run = ppmcal("identify", "imported/machine.yaml", *(f"imported/{one}.csv" for one in data),
+                     "--out", out, cwd=here, expect=0)
+        assert "a.offset is position_endstop + sqrt(" in " ".join(run.out.split())
     return here
 
 
@@ -37,12 +43,40 @@ def test_the_verdict_comes_first_with_errors_before_and_after(here: Path) -> Non
     assert words.startswith("Paste this: yes; predicted error ")
     assert "size is not checked" not in words.lower()
     record = json.loads((here / "exported" / "export.json").read_text())
+    held = json.loads((here / "both" / "identification.json").read_text())["residual"]["holdout"]
+    rows = held["position"]["count"]
+    assert 0 < rows < 22
+    assert f"measurements that the fit had not seen ({rows} rows, held out once): " in words
+    assert ("mm after (heights and distances where they were measured; predicted is the whole "
+            "position, over the workspace)") in words
     old, new = (record["predicted"][k]["rms"] for k in ("before", "after"))
     assert f"{old:.2g} mm rms with the old numbers, {new:.2g} mm with the new" in words
     text = (here / "exported" / "klipper.cfg").read_text()
     assert [line for line in text.splitlines() if line and line[0] != "#"] == [
         line for line in record["lines"] if line]
     assert all(line in run.out for line in record["lines"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("form", ["klipper", "marlin", "reprap"])
+def test_parameters_are_told_by_the_printers_own_names(here: Path, form: str) -> None:
+    """The formula that is told makes the endstops of the numbers that are exported."""
+    machine = read_mechanism(here / "both" / "identified.yaml")
+    words = own_words(machine, form)
+    formula = words.partition("a.offset is ")[2].partition(";")[0].replace("^", "**")
+    numbers = {n.name: n.new for n in loaded(form).export(machine, None, None).numbers}
+    named = {"klipper": {"arm_length": "stepper_a.arm_length", "delta_radius":
+                         "printer.delta_radius", "position_endstop": "stepper_a.position_endstop"},
+             "marlin": {"H of M665": "M665 H", "X of M666": "M666 X", "L": "M665 L",
+                        "R": "M665 R"},
+             "reprap": {"H of M665": "M665 H", "X of M666": "M666 X", "L": "M665 L of X",
+                        "R": "M665 R"}}[form]
+    for own, name in named.items():
+        assert own in formula
+        formula = re.sub(rf"\b{own}\b", repr(numbers[name]), formula)
+    value = machine.values[machine.names.index("a.offset")] * 1e3
+    assert eval(formula, {"sqrt": math.sqrt}) == pytest.approx(value, abs=1e-3)
+    assert f"is {'arm_length' if form == 'klipper' else 'L'}, a.base.point.angle is " in words
 
 
 @pytest.mark.slow

@@ -35,11 +35,11 @@ def test_nothing_is_said_of_a_fit_that_is_as_it_should_be() -> None:
 
 def test_rows_out_rows_back_and_a_fit_that_stopped_are_said() -> None:
     out, back = {3: "outlier", 4: "outlier"}, {3: "outlier"}
-    assert [s for s in said(fit_with(out), fit_with(out)) if "back in use" in s] == []
+    assert [s for s in said(fit_with(out), fit_with(out)) if "in use" in s] == []
     assert "2 of 50 rows left out" in said(fit_with(out), fit_with(out))[0]
     words = said(fit_with(out), fit_with(back))
     assert "1 of 50 rows left out" in words[0]
-    assert "1 row at first taken for outliers" in words[1]
+    assert "1 row that a fit of geometry alone left out is explained by the effects" in words[1]
     assert "not converged after 60" in said(fit_with({}), fit_with({}, converged=False))[-1]
 
 

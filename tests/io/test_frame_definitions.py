@@ -12,9 +12,12 @@ from helpers.commands import ppmcal, rows
 from helpers.paths import ROOT
 
 from ppmcal import algebra as cga
+from ppmcal.calibration.compensation import ParameterCovariance
+from ppmcal.commands.compensate.notes import defined_axes
 from ppmcal.io import read_campaign, read_mechanism
 from ppmcal.kinematics.frame_definition import frame_by_points, frame_covariance
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
+from ppmcal.model.registration import FIRST_POSE, DefinedFrame
 
 SEED = 11
 FRAME = {"x": 120.0, "y": -40.0, "rz": 30.0}
@@ -165,3 +168,21 @@ def test_what_defines_no_frame_is_refused(bench, machine, frame, more, said):
         ["440"] * len(joints) + ["1"] * len(seen)) + "\n", encoding="utf-8")
     done = ppmcal("check", ROOT / "configs" / machine, "bad.csv", cwd=bench, expect=2)
     assert said in " ".join(done.err.split()) and "bad.yaml: frame" in " ".join(done.err.split())
+
+
+def test_a_promise_says_which_axes_it_is_in() -> None:
+    """Of several the least certain; of a first pose that the nominal machine's error is not in it.
+    """
+    def known(**frames: tuple[str, float]) -> ParameterCovariance:
+        return ParameterCovariance((), np.zeros((0, 0)), {}, {}, {}, frames={
+            name: DefinedFrame(by, size * np.eye(6)) for name, (by, size) in frames.items()})
+
+    points, pose = ("three points", 1.0), (FIRST_POSE, 2.0)
+    assert list(defined_axes(known(a=points), "")) == []
+    assert list(defined_axes(known(a=pose), "a")) == []    # in the measuring frame it is no matter
+    (one,) = defined_axes(known(a=pose), "")
+    assert "not what the nominal machine errs there" in one
+    several, own = defined_axes(known(a=points, b=pose), "")
+    assert "2 data sets define the base axes: the least certain counts" in several
+    assert f"{FIRST_POSE} of b" in several
+    assert "pose of b" in own

@@ -104,3 +104,18 @@ def test_what_cannot_be_is_refused(tmp_path: Path, headers: dict[str, str],
         data(written(tmp_path, headers, read))
     for words in says:
         assert words in str(refused.value)
+
+
+@pytest.mark.parametrize(("columns", "meant"), [
+    ({"q_leg1": "Enc A", "q_leg2": "Enc B", "q_leg3": "Enc C", "q_leg4": "Enc D"}, ""),
+    ({"q_leg1": "Enc A", "q_leg2": "Enc B", "q_leg4": "Enc D"}, "Did you mean 'Enc C'?"),
+    ({"q_leg4": "q_leg6"}, "")])
+def test_a_column_that_is_another_one_already_is_not_what_was_meant(
+        tmp_path: Path, columns: dict[str, str], meant: str) -> None:
+    """The nearest header that is still free, none where none is near."""
+    heads = {"q_leg1": "Enc A", "q_leg2": "Enc B", "q_leg3": "Enc C"}
+    if "q_leg1" not in columns:
+        heads = {"q_leg4": "leg four", "q_leg6": "6"}
+    with pytest.raises(BadInput) as error:
+        data(written(tmp_path, heads, {"columns": columns}))
+    assert (meant in error.value.hint) if meant else "Did you mean" not in error.value.hint

@@ -18,7 +18,9 @@ from ppmcal.errors import BadInput
 from ppmcal.io.results.commands import CommandsRecord
 from ppmcal.io.results.comparison import ComparisonRecord
 from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.io.results.identification_parts import ErrorStages
 from ppmcal.io.results.kinematics import KinematicsRecord
+from ppmcal.io.results.parts import ErrorSize
 from ppmcal.io.results.record import Record
 from ppmcal.io.results.simulation import TruthRecord
 
@@ -155,3 +157,17 @@ def test_every_number_has_a_unit_or_is_bare_by_its_docstring(kind: type[Record])
             assert "unit" in hints or "unit" in said or "bare" in said, part
         for name in set(numbers) & set(BARE):
             assert name in said, (part, name)
+
+
+def test_geometry_alone_that_is_worse_than_before_says_why() -> None:
+    """By the rows that its own fit left out, else by what a fit weighs; nothing where it is not."""
+    def size(rms: float) -> dict[str, ErrorSize]:
+        return {"position": ErrorSize(rms=rms, unit="mm")}
+
+    worse = ErrorStages(before=size(0.178), geometry=size(0.298), after=size(0.1))
+    assert "geometry alone 0.298 mm (its fit weighs all that is" in worse.sizes(True)
+    own = worse.changed(own_rows=size(0.102), left_out=12)
+    assert ("geometry alone 0.298 mm (0.102 mm without the 12 rows that its own fit left out), "
+            "with what was found 0.1 mm") in own.sizes(True)
+    better = ErrorStages(before=size(0.298), geometry=size(0.178), after=size(0.1))
+    assert "(" not in better.sizes(True)

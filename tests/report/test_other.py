@@ -254,7 +254,7 @@ def test_console_and_report_say_one_sentence(folders: Path, tmp_path: Path) -> N
     assert fine and verdict in " ".join(run.out.split())
     html, text = page(tmp_path / "i")
     assert typeset(verdict[1:]) in text
-    shown = html.partition("Unidentifiable combinations</h3>")[2].partition("</table>")[0]
+    shown = html.partition("Redundant combinations</h3>")[2].partition("</table>")[0]
     rows = re.findall(r'<tr><th scope="row">(.*?)</th><td class="wrap">(.*?)</td></tr>', shown)
     assert [re.sub("<wbr>", "", name) for name, _ in rows] == [c.name for c in fit.redundant]
     assert [t for _, t in rows] == [typeset(combination(c)) for c in fit.redundant]

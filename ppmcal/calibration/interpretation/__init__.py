@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from ppmcal.calibration.interpretation.interpretation_error import (
         InterpretationError as InterpretationError,
     )
+    from ppmcal.calibration.interpretation.interpretation_error import headers_of as headers_of
+    from ppmcal.calibration.interpretation.interpretation_error import in_headers as in_headers
     from ppmcal.calibration.interpretation.interpretation_error import (
         interpretation_sentence as interpretation_sentence,
     )

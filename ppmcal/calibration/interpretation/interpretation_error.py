@@ -57,6 +57,8 @@ class Interpretation:
         quantity: of ``before`` and ``after``, the median misses, m or rad, that tell most; nan
             where nothing was compared.
         noise_after: what a short fit leaves, times the noise.
+        headers: of the file -> those to write in their place, where a wrong unit stands in them:
+            the sidecar has no say in these.
         sigma: entries of the sidecar's ``instrument.sigma`` that are in the columns' unit too.
         alternatives: other mistakes that explain the file as well, and change no more of it.
         right: the data set read so, None where nothing was compared.
@@ -72,6 +74,7 @@ class Interpretation:
     sigma: Mapping[str, float] = field(default_factory=dict)
     alternatives: tuple[tuple[FileFault, ...], ...] = ()
     right: Dataset | None = field(default=None, compare=False, repr=False)
+    headers: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def otherwise(self) -> str:
@@ -116,6 +119,36 @@ def interpretation_sentence(found: Interpretation, units: Units) -> str:
             f"{found.noise_after:.2g} times the noise")
 
 
+_UNIT = re.compile(r"[^\s\[\]()]+(?=\s*[\])]\s*$)")
+
+
+def with_unit(header: str, unit: str) -> str:
+    """Return a header with another unit in its brackets.
+
+    >>> with_unit("T1_x [mm]", "cm")
+    'T1_x [cm]'
+    """
+    return _UNIT.sub(unit, header)
+
+
+def headers_of(data: Dataset, columns: Sequence[str], unit: str) -> dict[str, str]:
+    """Return the headers of columns in which another unit stands, and how to write each."""
+    return {data.headed[c][0]: with_unit(data.headed[c][0], unit) for c in columns
+            if c in data.headed}
+
+
+def in_headers(headers: Mapping[str, str], source: str) -> str:
+    """Return the headers to change in a file, as the end of a sentence; empty for none."""
+    words = ", ".join(f"`{new}` for `{old}`" for old, new in headers.items())
+    return f"in the header of {source} {words}" if words else ""
+
+
+def lines_for(block: Mapping[str, object] | None, headers: Mapping[str, str]) -> str:
+    """Return what the file of some of the rows is to have, in brackets behind them."""
+    parts = [f"`read: {block_text(block)}` there"] if block else []
+    return "; ".join([*parts, *filter(None, [in_headers(headers, "that file")])])
+
+
 def with_line(data: Dataset, key: str, lines: Mapping[str, object]) -> dict[str, object]:
     """Return the sidecar's block ``read`` with more of one key, such as units: {payload: g}."""
     return {**data.read, key: {**data.read.get(key, {}), **lines}}
@@ -139,12 +172,16 @@ def hint_of(found: Sequence[Interpretation]) -> str:
     if hints:
         return ". ".join(hints)
     blocks: dict[tuple[str, str], list[str]] = {}
+    headers = "; and ".join(dict.fromkeys(in_headers(m.headers, m.source) for m in found
+                                          if m.headers))
     for m in found:
-        if m.block is not None:
+        if m.block:
             # digits without an exponent: every reader of YAML takes them for a number
             sigma = ", ".join(f"{k}: {np.format_float_positional(v, trim='-')}"
                               for k, v in m.sigma.items())
             blocks.setdefault((block_text(m.block), sigma), []).append(m.source)
+    if headers and not blocks:
+        return f"Write {headers}: the sidecar has no say where a unit stands in the header"
     if not blocks:
         if any(x.rows and x.kind not in PLAIN for x in every):
             return ("Put those rows into a file of their own whose sidecar says so, or leave them "
@@ -163,5 +200,5 @@ def hint_of(found: Sequence[Interpretation]) -> str:
         f"{place[b]}: `read: {b[0]}`" + (
             " and, as sigma is in the unit of the columns too, "
             f"`instrument: {{sigma: {{{b[1]}}}}}`" * bool(b[1]))
-        for b in blocks) + (
+        for b in blocks) + f"; and {headers}" * bool(headers) + (
         ". Or correct the mechanism file, if it has the mirror image" if mirrored else "")

@@ -12,6 +12,7 @@ from ppmcal.calibration.interpretation.interpretation_error import (
     FileFault,
     Interpretation,
     InterpretationError,
+    headers_of,
     with_line,
 )
 from ppmcal.calibration.interpretation.limits import MOST
@@ -68,8 +69,9 @@ def _temperature(celsius: Array, room: bool) -> str:
 
 def _in_other_units(data: Dataset, mechanism: Mechanism) -> Iterator[Interpretation]:
     for mistake, unit in recorded_units(data, mechanism):
-        block = with_line(data, "units", dict.fromkeys(mistake.columns, unit))
-        yield Interpretation(data.source, (mistake,), block)
+        headers = headers_of(data, mistake.columns, unit)
+        block = {} if headers else with_line(data, "units", dict.fromkeys(mistake.columns, unit))
+        yield Interpretation(data.source, (mistake,), block, headers=headers)
 
 
 def refuse_wrong_units(mechanism: Mechanism, datasets: Sequence[Dataset]) -> None:

@@ -40,14 +40,17 @@ def unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
     Raises:
         BadInput: the home pose cannot be reached.
     """
-    from ppmcal.calibration.interpretation import recorded_units  # needs scipy; reading does not
+    # needs scipy; reading does not
+    from ppmcal.calibration.interpretation import headers_of, in_headers, recorded_units
 
     outside = _home_outside(mechanism)
     out = [*_machine(mechanism), *outside.values()]
     for data in datasets:
-        out += [Note(f"{data.source}: {mistake.text}. Write into the sidecar: `read: {{units: "
-                     f"{{{mistake.columns[0]}: {unit}}}}}`.", topic="units")
-                for mistake, unit in recorded_units(data, mechanism)]
+        for mistake, unit in recorded_units(data, mechanism):
+            other = in_headers(headers_of(data, mistake.columns, unit), data.source)
+            lines = f"`read: {{units: {{{mistake.columns[0]}: {unit}}}}}`"
+            out.append(Note(f"{data.source}: {mistake.text}. Write "
+                            f"{other or f'into the sidecar: {lines}'}.", topic="units"))
         side = str(sidecar(Path(data.source)))
         out += _positions(mechanism, data, side)
         out += _rotations(data, side)

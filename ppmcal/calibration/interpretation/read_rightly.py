@@ -87,14 +87,15 @@ def _read_otherwise(alone: Problem, held: bool = False) -> Interpretation | None
     if best.total > TELLING and (any(True for _ in right_parts(alone))
                                  or not _explains(score(alone, np.inf), best)):
         return None
-    block, sigma = None, dict[str, float]()
+    block, sigma, headers = None, dict[str, float](), dict[str, str]()
     if way.reading is not None:
         block, sigma = way.reading.block(data), way.reading.sigma(data, best.left)
+        headers = way.reading.headers(data)
     told = (as_read.miss, best.miss) if as_read.nominal > LANDS else (as_read.left, best.left)
     if np.isinf(as_read.total):
         told = (np.nan, np.nan), told[1]
     return Interpretation(data.source, way.what, block, *_telling(*told), best.noise, sigma,
-                          alternatives, way.problem.datasets[0])
+                          alternatives, way.problem.datasets[0], headers)
 
 
 def _better(alone: Problem, as_read: Score, held: bool) -> list[tuple[Way, Score]]:

@@ -8,13 +8,14 @@ whole: what it already says, and what was found.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from fnmatch import fnmatchcase
+from typing import Any, TypeVar
 
 import numpy as np
 
-from ppmcal.calibration.interpretation.interpretation_error import FileFault
+from ppmcal.calibration.interpretation.interpretation_error import FileFault, with_unit
 from ppmcal.kinematics.pose_readings import (
     AXES,
     QUATERNIONS,
@@ -33,6 +34,7 @@ from ppmcal.wording import pluralize
 
 QUATERNION = ("quat_x", "quat_y", "quat_z", "quat_w")
 UNITS = {**LENGTHS, **ANGLES, "turn": TURN}
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -104,8 +106,47 @@ class ReadColumns:
         for unit in dict.fromkeys(self.units[i] for i in self.own if self.units[i]):
             own = [i for i in self.own if self.units[i] == unit]
             names = [self.names[i] for i in own]
-            yield FileFault("unit", tuple(names), f"{with_verb(names, 'is', 'are')} in {unit}, "
-                            f"not {self.declared[own[0]]}")
+            yield FileFault("unit", tuple(names), f"{with_verb(names, 'is', 'are')} in "
+                            f"{_unit_words(unit)}, not {_unit_words(self.declared[own[0]])}")
+
+
+def _unit_words(unit: str) -> str:
+    """Return a unit as it stands behind ``in``."""
+    return "inches" if unit == "in" else unit
+
+
+def _said(block: Mapping[str, T], name: str, usual: T) -> T:
+    """Return what a block says of a column, by its name or a pattern."""
+    return next((v for pattern, v in block.items() if fnmatchcase(name, pattern)), usual)
+
+
+def _as_stated(data: Dataset, names: Sequence[str], own: Sequence[int], usual: Sequence[str],
+               factors: Sequence[float]) -> ReadColumns:
+    """Return columns that are what the file says, in the units that header or sidecar gives them.
+
+    ``usual``, ``factors``: those of the file, and their SI values.
+    """
+    said = [data.headed[n][1] if n in data.headed else _said(
+        data.read.get("units", {}), data.own_column(n), "") for n in names]
+    known = [(u, UNITS[u]) if u in UNITS and d else (d, f)
+             for u, d, f in zip(said, usual, factors, strict=True)]
+    return ReadColumns.as_declared(names, own, *map(tuple, zip(*known, strict=True)))
+
+
+def _stated(old: Mapping[str, Any], changes: Mapping[str, Any], names: Sequence[str]
+            ) -> dict[str, Any]:
+    """Return what a block says of columns, with changes of some put into it.
+
+    A pattern that one of these is of is changed if all of its columns are, else they are named.
+    """
+    out, hit = dict[str, Any](), set[str]()
+    for pattern, value in old.items():
+        own = [n for n in names if fnmatchcase(n, pattern)]
+        hit |= set(own)
+        new = [changes.get(n, value) for n in own]
+        same = len(set(new)) <= 1
+        out |= {pattern: new[0] if new else value} if same else dict(zip(own, new, strict=True))
+    return {**out, **{n: v for n, v in changes.items() if n not in hit}}
 
 
 def _minority(values: Sequence[object], usual: object) -> int:
@@ -152,14 +193,15 @@ class ColumnInterpretation:
         planar, units = mechanism.motion.planar, data.units
         turns = QUATERNION[:3] if data.convention in QUATERNIONS else TURNS
         return cls(
-            ReadColumns.as_declared([f"q_{a}" for a in mechanism.actuators],
-                                range(len(mechanism.actuators)),
-                                [units.name(q) for q in mechanism.actuator_quantity],
-                                mechanism.joint_factors(units).tolist()),
-            ReadColumns.as_declared(AXES, range(2 if planar else 3), (units.length,) * 3,
-                                (LENGTHS[units.length],) * 3),
-            ReadColumns.as_declared(turns, (2,) if planar else range(3), (units.angle,) * 3,
-                                (ANGLES[units.angle],) * 3), data.convention)
+            _as_stated(data, [f"q_{a}" for a in mechanism.actuators],
+                       range(len(mechanism.actuators)),
+                       ["" if bare else units.name(q) for q, bare in zip(
+                           mechanism.actuator_quantity, mechanism.actuator_has_ratio, strict=True)],
+                       mechanism.joint_factors(units).tolist()),
+            _as_stated(data, AXES, range(2 if planar else 3), (units.length,) * 3,
+                       (LENGTHS[units.length],) * 3),
+            _as_stated(data, turns, (2,) if planar else range(3), (units.angle,) * 3,
+                       (ANGLES[units.angle],) * 3), data.convention)
 
     @property
     def parts(self) -> float:
@@ -217,31 +259,53 @@ class ColumnInterpretation:
     def block(self, data: Dataset) -> dict[str, Any]:
         """Return the sidecar's block ``read`` with which the file is read in this way.
 
-        What the sidecar says already stays, and is put together with what was found.
+        What the sidecar says already stays, and is put together with what was found; empty where
+        :meth:`headers` are all that is to be changed.
         """
-        old, headers = dict(data.read), dict(data.headers)
+        out = self._block(data)
+        joints, places, turns = (ReadColumns.as_declared(s.names, s.own, s.declared, s.factors)
+                                 for s in (self.joints, self.places, self.turns))
+        as_is = ColumnInterpretation(joints, places, turns, data.convention)._block(data)
+        return {} if self.headers(data) and out == as_is else out
+
+    def headers(self, data: Dataset) -> dict[str, str]:
+        """Return the file's headers with a wrong unit in them, and how to write each.
+
+        Header and sidecar must not name two units.
+        """
+        return {header: with_unit(header, unit) for sort in (self.joints, self.places, self.turns)
+                for i in sort.own for unit in [sort.units[i]]
+                for header, _ in [data.headed.get(sort.names[sort.order[i]], ("", ""))]
+                if unit and header}
+
+    def _block(self, data: Dataset) -> dict[str, Any]:
+        old, headers, other = dict(data.read), dict(data.headers), self.headers(data)
         names = dict(old.get("columns", {}) if data.wide else headers)
-        signs, units = dict(old.get("signs", {})), dict(old.get("units", {}))
+        signs, units, every = dict[str, int](), dict[str, str](), list[str]()
         turned = self.mirror if data.wide and not data.kind.sees_rotation else ""
         for sort in (self.joints, self.places, self.turns):
             for i in sort.own:
                 plain, source = sort.names[i], sort.names[sort.order[i]]
                 name = data.own_column(plain)
+                every.append(name)
                 if source != plain:
                     names[name] = headers.get(source, source)
                 sign = sort.signs[i] * (-1 if plain == turned else 1)
-                signs[name] = sign * signs.get(name, 1)
-                units |= {name: sort.units[i]} if sort.units[i] else {}
+                signs[name] = sign * _said(old.get("signs", {}), name, 1)
+                if sort.units[i] and source not in data.headed:
+                    units[name] = sort.units[i]
         rotation = self.rotation or old.get("rotation", "")
         inverse = self.inverse != (old.get("pose") == "inverse")
         here = "" if turned else self.mirror
         mirror = "" if here == old.get("mirror", "") else here or old["mirror"]
         if (inverse or mirror) and self.convention in QUATERNIONS:
             rotation = rotation or self.convention
-        out = {"columns": {own: header for own, header in names.items() if own != header},
-               "ignore": old.get("ignore"), "units": units,
+        out = {"columns": {own: other.get(header, header) for own, header in names.items()
+                           if own != header},
+               "ignore": old.get("ignore"), "units": _stated(old.get("units", {}), units, every),
                "counts_per_turn": old.get("counts_per_turn"),
-               "signs": {n: s for n, s in signs.items() if s != 1}, "rotation": rotation,
+               "signs": {n: s for n, s in _stated(old.get("signs", {}), signs, every).items()
+                         if s != 1}, "rotation": rotation,
                "pose": "inverse" if inverse else "", "mirror": mirror,
                "shift": self.shift + int(old.get("shift", 0))}
         return {key: value for key, value in out.items() if value}

@@ -16,7 +16,7 @@ from ppmcal.calibration.fit import Fit, Problem
 from ppmcal.calibration.interpretation.interpretation_error import (
     FileFault,
     Interpretation,
-    block_text,
+    lines_for,
 )
 from ppmcal.calibration.interpretation.limits import MOST, TELLING
 from ppmcal.calibration.interpretation.score import Look, score
@@ -129,7 +129,9 @@ def _told(problem: Problem, own: Sequence[int], found: Mapping[int, Interpretati
                 rows=tuple(problem.datasets[i].rows.tolist()) if long else m.rows)
         for i in wrong for m in map(_unlike_others, found[i].mistakes))
     yield replace(first, mistakes=named, sigma=first.sigma if alike else {}, alternatives=(),
-                  block=None if long else _merged([found[i] for i in wrong]))
+                  block=None if long else _merged([found[i] for i in wrong]),
+                  headers={} if long else {h: new for i in wrong
+                                           for h, new in found[i].headers.items()})
 
 
 def _unlike_others(mistake: FileFault) -> FileFault:
@@ -141,7 +143,8 @@ def _unlike_others(mistake: FileFault) -> FileFault:
 
 def _in_a_long_file(found: Interpretation) -> str:
     """Return what the sidecar of that target's own file would say."""
-    return f" (`read: {block_text(found.block)}` there)" if found.block is not None else ""
+    told = lines_for(found.block, found.headers)
+    return f" ({told})" if told else ""
 
 
 def _merged(found: Sequence[Interpretation]) -> dict[str, object] | None:

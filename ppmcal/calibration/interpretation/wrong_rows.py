@@ -30,7 +30,7 @@ from ppmcal.calibration.interpretation.candidates import joint_readings, pose_re
 from ppmcal.calibration.interpretation.interpretation_error import (
     FileFault,
     Interpretation,
-    block_text,
+    lines_for,
 )
 from ppmcal.calibration.interpretation.limits import (
     AGAINST,
@@ -165,9 +165,9 @@ def _stretch(apart: _LeftOut) -> Interpretation | None:
         return None
     numbers = tuple(data.rows[begin:end].tolist())
     told = [replace(m, rows=numbers) for m in readings[best].mistakes(data)]
-    block = block_text(readings[best].block(data))
+    there = lines_for(readings[best].block(data), readings[best].headers(data))
     told[0] = replace(told[0], text=f"rows {numbers[0]} to {numbers[-1]}: {told[0].text}")
-    told[-1] = replace(told[-1], text=f"{told[-1].text} (`read: {block}` there)")
+    told[-1] = replace(told[-1], text=f"{told[-1].text} ({there})")
     return Interpretation(data.source, tuple(told))
 
 

@@ -48,6 +48,16 @@ class Residuals:
     rotation: tuple[Array, ...]
     closure: tuple[Array, ...]
 
+    def counted(self, rows: Sequence[Bools]) -> dict[str, dict[str, float]]:
+        """Return :meth:`figures`, each with the ``count`` of rows behind it."""
+        found = self.figures(rows)
+        for name, parts in (("position", self.position), ("rotation", self.rotation),
+                            ("closure", self.closure)):
+            if name in found:
+                found[name]["count"] = sum(int(np.isfinite(p[k]).any(axis=tuple(
+                    range(1, p.ndim))).sum()) for p, k in zip(parts, rows, strict=True))
+        return found
+
     def figures(self, rows: Sequence[Bools]) -> dict[str, dict[str, float]]:
         """Return mean, rms, p95 and max of each kind of error over the given rows."""
         out = {}
@@ -194,7 +204,7 @@ def held_out(whole: Fit, options: FitOptions, fraction: float, seed: int, noise:
     state = fresh_state(fresh, fit.state)
     rows = [finite_rows(p) & k[o] for p, k, o in
             zip(state.poses, keep, out, strict=True)]
-    figures = residuals(fresh, state).figures(rows)
+    figures = residuals(fresh, state).counted(rows)
     return figures, (f"{fraction:.0%} of the poses (seed {seed}) kept out of a fit of the others; "
                      "the final fit uses all")
 
@@ -226,7 +236,7 @@ def on_other(fit: Fit, other: Sequence[Dataset]) -> tuple[dict[str, dict[str, fl
     known = {d.name for d in fit.problem.datasets}
     anew = [d.name for d in other if d.frame.fitted and d.frame.same_as not in known]
     how = f"; frame registered anew on {', '.join(anew)}" if anew else ""
-    return errors.figures(rows), (
+    return errors.counted(rows), (
         f"on {', '.join(d.name for d in other)}, which the fit had not seen{how}")
 
 
@@ -283,7 +293,7 @@ def sessions_left_out(problem: Problem, options: FitOptions, keep: Sequence[Bool
         found.append(on_other_rows(fit, own))
     whole = Residuals(*(tuple(x for r, _ in found for x in getattr(r, name)) for name in (
         "vector", "sigma", "position", "rotation", "closure")))
-    return whole.figures([k for _, rows in found for k in rows]), (
+    return whole.counted([k for _, rows in found for k in rows]), (
         f"{len(masks)} sessions ({', '.join(label for label, _ in masks)}), each predicted by a "
         "fit of the others; the final fit uses all")
 

@@ -12,6 +12,7 @@ from ppmcal.io.poses import PoseTable
 from ppmcal.io.results.units import column_factor, parameter_unit
 from ppmcal.linalg import finite_rows
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import FIRST_POSE
 from ppmcal.notes import NOTE, Note
 from ppmcal.wording import abbreviate_list, number, pluralize
 
@@ -46,6 +47,23 @@ def loose_axes(machine: Mechanism, known: ParameterCovariance | None, frame: str
         yield Note("where the base axes are, only the tolerances of the base say: the predicted "
                    f"errors hold that too, those in a measuring frame (--frame {fitted[0]!r}) do "
                    "not; `frame: {points: ...}` in a sidecar measures the axes", NOTE)
+
+
+def defined_axes(known: ParameterCovariance | None, frame: str) -> Iterator[Note]:
+    """Yield what a promise in base axes rests on: which of several frames, and a nominal pose."""
+    axes = None if known is None or frame else known.base_axes
+    if known is None or axes is None:
+        return
+    name, by = axes
+    if len(known.frames) > 1:
+        yield Note(f"{len(known.frames)} data sets define the base axes: the least certain counts, "
+                   f"{by.by} of {name}; how far they disagree is in no predicted error", NOTE)
+    if by.by == FIRST_POSE:
+        yield Note(f"the base axes are those in which the nominal machine is right at the first "
+                   f"pose of {name}: predicted errors hold how well that pose was measured, and "
+                   "not what the nominal machine errs there; against axes that anybody could "
+                   "measure on the base all targets are off by that together. "
+                   "`frame: {points: ...}` in a sidecar measures them", NOTE)
 
 
 def beyond_measured(found: Compensation, machine: Mechanism,

@@ -25,7 +25,13 @@ from ppmcal.calibration.compensation import (
 )
 from ppmcal.calibration.compensation import compensate as compensated
 from ppmcal.calibration.fit import secondary
-from ppmcal.commands.compensate.notes import after_events, beyond_measured, doubts, loose_axes
+from ppmcal.commands.compensate.notes import (
+    after_events,
+    beyond_measured,
+    defined_axes,
+    doubts,
+    loose_axes,
+)
 from ppmcal.commands.compensate.options import CompensateArguments
 from ppmcal.commands.compensate.recorded import Forms, asked_form, known_form, with_digits
 from ppmcal.commands.inputs import files_of, load, place_of, refuse_unfit, refuse_unrecorded
@@ -215,7 +221,8 @@ def run(asked: CompensateArguments) -> CompensationResult:
     notes += [
         *told,
         *secondary("which machine and axes commands are for", lambda: [
-            *loose_axes(machine, known, name), *after_events(machine, name)], [], beside),
+            *loose_axes(machine, known, name), *defined_axes(known, name),
+            *after_events(machine, name)], [], beside),
         *secondary("where the model is doubtful", lambda: doubts(found, machine, known), [],
                    beside),
         *secondary("where commands go beyond what was measured", lambda: [*beyond_measured(

@@ -22,6 +22,7 @@ from ppmcal.controllers.export import (
     pose_uncertainty,
     record_of,
 )
+from ppmcal.controllers.number_intervals import with_intervals
 from ppmcal.errors import BadInput
 from ppmcal.io.csv_writer import csv_text
 from ppmcal.io.results.export import ExportRecord, error_size, fixed
@@ -30,6 +31,7 @@ from ppmcal.notes import Note
 from ppmcal.store.inputs import digest_of
 from ppmcal.store.output import Content, replace_kept
 from ppmcal.store.provenance import source_of
+from ppmcal.wording import number
 from ppmcal.wording.told import CopiedLines, ShortTable, Told
 
 ROWS = 24
@@ -45,10 +47,13 @@ def told(record: ExportRecord, copied: bool = False) -> Iterator[Told]:
         yield CopiedLines(record.lines)
     yield f"{record.name}: {record.summary}."
     if record.parameters:
-        yield ShortTable(["parameter", "old", "new", "change", "unit"],
-                         list(_numbers(record))[:ROWS], (1, 2, 3))
+        known = bool(record.number_half)
+        yield ShortTable(["parameter", "old", "new", "change", *["+- 95 %"] * known, "unit"],
+                         list(_numbers(record))[:ROWS], (1, 2, 3, *[4] * known))
     if len(record.parameters) > ROWS:
         yield f"... and {len(record.parameters) - ROWS} more, all in export.json."
+    if record.number_half:
+        yield record.intervals_sentence()
     yield (f"Predicted error over {record.over}; \"expected\" counts the model's own uncertainty "
            "too:")
     yield _errors(record)
@@ -77,13 +82,16 @@ def _errors(record: ExportRecord) -> ShortTable:
 
 def _numbers(record: ExportRecord) -> Iterator[list[str]]:
     """Yield the rows of the table of numbers."""
+    known = bool(record.number_half)
     for name, new in record.parameters.items():
         old = record.old.get(name)
         if name.endswith(" points"):    # a count, not a length
-            yield [name, "-", f"{new:.0f}", "-", ""]
+            yield [name, "-", f"{new:.0f}", "-", *["-"] * known, ""]
             continue
         change = "-" if old is None or new is None else f"{round(new - old, 4) + 0.0:+.4f}"
-        yield [name, fixed(old) or "-", fixed(new), change, record.number_units.get(name, "")]
+        half = [number(record.number_half.get(name), 3)] * known
+        yield [name, fixed(old) or "-", fixed(new), change, *half,
+               record.number_units.get(name, "")]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -112,10 +120,12 @@ class ExportResult(Result):
     def tables(self) -> Mapping[str, Content]:
         """Return the controller's numbers as a table besides the files."""
         numbers = self.exported.numbers
-        own = csv_text(["parameter", "old", "new", "unit"],
-                       [[n.name for n in numbers],
-                        [float("nan") if n.old is None else n.old for n in numbers],
-                        [n.new for n in numbers], [n.unit for n in numbers]])
+        own = csv_text(["parameter", "old", "new", "half", "unit"],
+                       [[n.name for n in numbers], *([float("nan") if v is None else v for v in col]
+                                                     for col in zip(*((n.old, n.new, n.half)
+                                                                      for n in numbers),
+                                                                    strict=True)),
+                        [n.unit for n in numbers]])
         return {**super().tables(), self.TABLE: own}
 
     @property
@@ -169,7 +179,9 @@ def run(asked: ExportArguments) -> ExportResult:
     notes = list[Note]()
     sure = secondary("how well the model is known", lambda: pose_uncertainty(
         machine, made.poses, source_file), UNKNOWN, notes)
-    made = replace(made, uncertainty=replace(sure, reason=notes[0]) if notes else sure)
+    made = replace(made, uncertainty=replace(sure, reason=notes[0]) if notes else sure,
+                   numbers=secondary("how well the numbers are known", lambda: with_intervals(
+                       machine, made, source_file), made.numbers, notes))
     known = evidence_of(machine)
     warned += refuse_worse(made, known, machine.source, asked.regardless)
     notes += doubts(known, machine.source, asked.write and not asked.regardless)

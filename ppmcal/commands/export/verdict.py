@@ -41,7 +41,8 @@ class FitEvidence:
 
     ``before``, ``unseen``: errors of rows that a fit had not seen, of the machine before it and
     with it, empty where none were kept out; ``size``: what is not known of the machine's size;
-    ``far``: parameters that came out farther from nominal than tolerances allow, in words.
+    ``far``: parameters that came out farther from nominal than tolerances allow, in words;
+    ``what``: of which quantity rows are, where that is not the position that is predicted.
     """
 
     before: ErrorSize = field(default_factory=ErrorSize)
@@ -49,6 +50,7 @@ class FitEvidence:
     size: str = ""
     far: str = ""
     there: bool = False
+    what: str = ""
 
 
 def evidence_of(mechanism: Mechanism) -> FitEvidence:
@@ -67,7 +69,7 @@ def evidence_of(mechanism: Mechanism) -> FitEvidence:
     kind = next((k for k in ("position", "rotation", *known.holdout) if k in known.holdout), "")
     none = ErrorSize()
     return FitEvidence(known.before.get(kind) or none, known.holdout.get(kind) or none,
-                    _size(record), _far(record), True)
+                    _size(record), _far(record), True, _quantities(record))
 
 
 def _far(record: IdentificationRecord) -> str:
@@ -75,6 +77,16 @@ def _far(record: IdentificationRecord) -> str:
     found = sorted(((abs((p.error or 0.0) / (p.tolerance or 1.0)), p.name)
                     for p in record.far), reverse=True)
     return abbreviate_list([f"{name} by {times:.2g} times its tolerance" for times, name in found])
+
+
+def _quantities(record: IdentificationRecord) -> str:
+    """Return of what measurements are, in brackets; empty where they are positions or poses."""
+    kinds = [find_instrument(d.kind) for d in record.datasets]
+    names = dict.fromkeys(f"{k.number}s" for k in kinds)
+    if not names or not all(k.scalar for k in kinds):
+        return ""
+    return (f" ({' and '.join(names)} where they were measured; predicted is the whole position, "
+            "over the workspace)")
 
 
 def _size(record: IdentificationRecord) -> str:
@@ -107,8 +119,8 @@ def reasons_against(made: Exported, known: FitEvidence) -> Iterator[tuple[str, s
     first, unseen = known.before, known.unseen
     if is_known(first.rms) and is_known(unseen.rms) and (unseen.rms or 0.0) >= (first.rms or 0.0):
         yield (f"the fit predicts measurements that it has not seen no better than the machine did "
-               f"before it: {unseen.rms:.3g} {unseen.unit} rms with it, {first.rms:.3g} "
-               f"{first.unit} without",
+               f"before it: {unseen.rms:.3g} {unseen.unit} rms with it{unseen.of_rows}, "
+               f"{first.rms:.3g} {first.unit} without",
                "Keep the old numbers; measure more poses, or ask `ppmcal diagnose` what is missing")
     if known.there and made.uncertainty.undetermined:
         yield ("the measurements leave the pose open all over the workspace",
@@ -191,6 +203,6 @@ def _gain(record: ExportRecord, known: FitEvidence) -> str:
             f"the new ones{', if the model is exact' * exact}")
     first, unseen = known.before, known.unseen
     if is_known(first.rms) and is_known(unseen.rms):
-        text += (f"; measurements that the fit had not seen: {first.rms:.2g} {first.unit} before, "
-                 f"{unseen.rms:.2g} {unseen.unit} after")
+        text += (f"; measurements that the fit had not seen{unseen.of_rows}: {first.rms:.2g} "
+                 f"{first.unit} before, {unseen.rms:.2g} {unseen.unit} after{known.what}")
     return text

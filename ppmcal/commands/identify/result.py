@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any, ClassVar
 
 from ppmcal.calibration.compensation import Readings
 from ppmcal.calibration.fit import Noise
 from ppmcal.calibration.knowledge import FreedomChoice, Identifiability
 from ppmcal.calibration.validation import Identification, Residuals
+from ppmcal.commands.inputs import imports_behind
 from ppmcal.commands.result import Result
+from ppmcal.controllers import own_words
 from ppmcal.io.results.batch import CampaignQuantity, fit_quantities
 from ppmcal.io.results.campaign import campaign_sentences
 from ppmcal.io.results.gross_errors import row_sentences, unchecked_sentences
@@ -31,8 +34,12 @@ SHOWN = 12
 """Parameters that are shown."""
 
 
-def told(found: Identification, record: IdentificationRecord) -> Iterator[Told]:
-    """Yield what a person wants to know, and what needs a look above the rows left out."""
+def told(found: Identification, record: IdentificationRecord, controller: str = ""
+         ) -> Iterator[Told]:
+    """Yield what a person wants to know, and what needs a look above the rows left out.
+
+    ``controller``: what the controller that the machine was imported from calls its parameters.
+    """
     fit = found.fit
     rows = sum(int(k.sum()) for k in fit.keep)
     open_ = len(found.columns) - len(fit.problem.free)
@@ -42,6 +49,8 @@ def told(found: Identification, record: IdentificationRecord) -> Iterator[Told]:
     yield from _errors(record)
     yield from _noise(record.noise)
     yield from _parameters(record)
+    if controller:
+        yield f"{controller}."
     yield from _redundant(record, fit.by_tolerances)
     if fit.by_tolerances:
         yield from _prior_dominated(record)
@@ -114,7 +123,7 @@ def _redundant(record: IdentificationRecord, prior: bool) -> Iterator[Told]:
     if record.unidentifiable:
         count = sum(s.combinations for s in record.unidentifiable)
         how = "held by the prior" if prior else "left at nominal"
-        yield (f"{pluralize(count, 'combination')} of parameters not determined by these data "
+        yield (f"{count} redundant: combinations of parameters that these data cannot identify "
                f"({how}): {unidentifiable_words(record.unidentifiable)}.")
 
 
@@ -199,7 +208,15 @@ class IdentificationResult(Result):
     def told(self) -> Iterator[Told]:
         """Yield the noise that was estimated, the fit, its errors, and what the data leave open."""
         yield from self.notes
-        yield from told(self.identification, self.record)
+        yield from told(self.identification, self.record, self._controller())
+
+    def _controller(self) -> str:
+        machine = self.identification.fit.problem.mechanism
+        path = Path(machine.source)
+        if machine.source not in machine.inputs or not path.is_file():
+            return ""
+        forms = [str(run.source.options.get("form", "")) for run in imports_behind(path)]
+        return next(filter(None, (own_words(machine, form) for form in forms)), "")
 
     def quantities(self) -> Iterator[CampaignQuantity]:
         """Yield errors, noise and parameters."""

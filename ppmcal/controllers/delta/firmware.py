@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 
 from ppmcal.controllers.delta.gcode import Lines, with_lines
 from ppmcal.controllers.delta.geometry import DeltaGeometry
-from ppmcal.controllers.export import Exported, NotExpressed
+from ppmcal.controllers.export import Again, Exported, NotExpressed
 from ppmcal.controllers.pose_errors import ErrorSummary
 from ppmcal.controllers.text import exact_text
 from ppmcal.errors import BadInput, NoResult
@@ -29,6 +29,7 @@ class DeltaFit(Generic[DeltaNumbers]):
         before, after: errors of the machine driven with each.
         points: the commands compared (N, 3), m; radius: of their disc, m.
         not_expressed: what cannot be expressed; notes: what was done to express the rest.
+        again: the numbers of another such machine.
     """
 
     new: DeltaNumbers
@@ -39,6 +40,7 @@ class DeltaFit(Generic[DeltaNumbers]):
     radius: float
     not_expressed: tuple[NotExpressed, ...]
     notes: tuple[Note, ...]
+    again: Again
 
     @property
     def exact(self) -> bool:

@@ -7,7 +7,7 @@ they say where a print lies on the bed and change no print.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,7 @@ from ppmcal.controllers.export import (
     offset_words,
     refuse_poses,
 )
+from ppmcal.controllers.number_intervals import following
 from ppmcal.controllers.pose_errors import ErrorSummary, PlanarMotion, rms
 from ppmcal.errors import NoResult
 from ppmcal.linalg import Array, Bools, finite_rows, guarded
@@ -61,8 +62,13 @@ def project(mechanism: Mechanism, firmware: DeltaFirmware[Any, DeltaNumbers],
     drive = drive_of(mechanism)
     start = delta_geometry(drive)
     points = grid(drive, start)
-    best = _best(drive, start, points).rounded()
-    new = firmware.of(best, old)
+    exact = _best(drive, start, points)
+    best = exact.rounded()
+    new, given = firmware.of(best, old), old
+
+    def named(p: Array) -> Mapping[str, float]:
+        return {name: value for name, _, value in firmware.table(firmware.of(_geometry(p), given))}
+
     if old is None:
         first = drive_of(mechanism.nominal())
         old = firmware.of(_best(first, delta_geometry(first), points), None)
@@ -72,7 +78,9 @@ def project(mechanism: Mechanism, firmware: DeltaFirmware[Any, DeltaNumbers],
     removed = laid_on(reached(drive, best, reach), reach)[1]
     return DeltaFit(new, old, error_summary(at_old[both], reach),
                     error_summary(at_new[both], reach), reach, DISC * start.radius * MM, lacks,
-                    tuple(_notes(drive, removed, firmware)))
+                    tuple(_notes(drive, removed, firmware)),
+                    following(lambda m: _errors(drive_of(m), points), mechanism, _numbers(exact),
+                              np.full(9, STEP), named))
 
 
 def grid(drive: DeltaDrive, geometry: DeltaGeometry) -> Array:
@@ -144,31 +152,43 @@ def _best(drive: DeltaDrive, start: DeltaGeometry, points: Array) -> DeltaGeomet
     if predicted_errors(drive, start, points).max < EXACT:
         return start
 
-    def geometry(p: Array) -> DeltaGeometry:
-        return DeltaGeometry(float(p[0]), (float(p[1]), float(p[2]), 90.0), triple(p[3:6]),
-                        triple(p[6:9]))
-
-    def errors(p: Array) -> Array:
-        error = laid_on(reached(drive, geometry(p), points), points)[0] / MM
-        return np.asarray(np.where(np.isfinite(error), error, 1e3).ravel(), dtype=float)
-
     def slopes(p: Array) -> Array:
-        at, here = reached(drive, geometry(p), points), travel(geometry(p), points)
-        moves = platform_jacobian(drive, geometry(p), points)
+        at, here = reached(drive, _geometry(p), points), travel(_geometry(p), points)
+        moves = platform_jacobian(drive, _geometry(p), points)
         columns = []
         for step in np.diag(np.full(len(p), STEP)):
             ends = []
             for side in (step, -step):
-                q = drive.joints(travel(geometry(p + side), points)) - drive.joints(here)
+                q = drive.joints(travel(_geometry(p + side), points)) - drive.joints(here)
                 ends.append(laid_on(at + (moves @ q[..., None])[..., 0], points)[0].ravel() / MM)
             columns.append((ends[0] - ends[1]) / (2.0 * STEP))
         return np.nan_to_num(np.stack(columns, axis=-1))
 
-    first = np.array([start.radius, *start.angles[:2], *start.arms, *start.endstops])
     with guarded("the numbers for the firmware"):
-        found = least_squares(errors, first, slopes, x_scale=np.array([1.0, 0.3, 0.3, *[1.0] * 6]),
+        found = least_squares(_errors(drive, points), _numbers(start), slopes,
+                              x_scale=np.array([1.0, 0.3, 0.3, *[1.0] * 6]),
                               xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=60)
-    return geometry(found.x)
+    return _geometry(found.x)
+
+
+def _geometry(p: Array) -> DeltaGeometry:
+    """Return the geometry of the numbers (9,) that are fitted, mm and degrees."""
+    return DeltaGeometry(float(p[0]), (float(p[1]), float(p[2]), 90.0), triple(p[3:6]),
+                         triple(p[6:9]))
+
+
+def _numbers(geometry: DeltaGeometry) -> Array:
+    """Return the numbers (9,) that are fitted."""
+    return np.array([geometry.radius, *geometry.angles[:2], *geometry.arms, *geometry.endstops])
+
+
+def _errors(drive: DeltaDrive, points: Array) -> Callable[[Array], Array]:
+    """Return what makes errors at points (N, 3), mm (3N,), of the numbers (9,)."""
+    def errors(p: Array) -> Array:
+        error = laid_on(reached(drive, _geometry(p), points), points)[0] / MM
+        return np.asarray(np.where(np.isfinite(error), error, 1e3).ravel(), dtype=float)
+
+    return errors
 
 
 def _groups(
@@ -286,4 +306,4 @@ def export_delta(firmware: DeltaFirmware[Any, Any], mechanism: Mechanism, old: P
         tuple(firmware.advice(found, old, config)),
         {"grid": {"points": len(found.points), "radius": found.radius / MM,
                   "part_of_radius": DISC, "z": [z / MM for z in HEIGHTS]}},
-        np.pad(found.points, ((0, 0), (0, 3))))
+        np.pad(found.points, ((0, 0), (0, 3))), again=found.again)

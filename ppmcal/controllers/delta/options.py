@@ -4,6 +4,27 @@ from __future__ import annotations
 
 from ppmcal.controllers import ImportOption
 
+TYPE_CHECKING = False    # help needs the words alone
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from ppmcal.model.mechanism import Mechanism
+
+
+def delta_words(rod: str, endstop: str, radius: str, angle: str
+                ) -> Callable[[Mechanism], str]:
+    """Return what makes the sentence on a firmware's own names of a linear delta's parameters."""
+    def named(mechanism: Mechanism) -> str:
+        if "delta_radius" not in mechanism.names:
+            return ""
+        own = next((n for n in ("rod", "a.length") if n in mechanism.names), "")
+        parts = [("delta_radius", radius), (own, rod), ("a.base.point.angle", angle)]
+        told = ", ".join(f"{name} is {words}" for name, words in parts if name and name != words)
+        return (f"In the printer's own numbers {told}, and a.offset is {endstop} + sqrt({rod}^2 - "
+                f"{radius}^2); b and c alike")
+
+    return named
+
 
 def delta_options(meshes: str, radius: str) -> tuple[ImportOption, ...]:
     """Return the options of a firmware.

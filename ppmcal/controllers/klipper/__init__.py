@@ -1,7 +1,7 @@
 """Klipper, firmware of printers."""
 
 from ppmcal.controllers import Controller
-from ppmcal.controllers.delta.options import delta_options
+from ppmcal.controllers.delta.options import delta_options, delta_words
 
 CONTROLLER = Controller(
     0, "lines for the printer.cfg of a delta, linear or rotary.",
@@ -12,4 +12,5 @@ CONTROLLER = Controller(
         ("export", "ppmcal export klipper fitted-printer --old printer.cfg --write"),
         ("import", "ppmcal import klipper printer.cfg")),
     use="ppmcal export klipper {model} --old {old} --write puts the new numbers into it, "
-        "and keeps the old one beside: restart")
+        "and keeps the old one beside: restart",
+    named=delta_words("arm_length", "position_endstop", "delta_radius", "angle of stepper_a"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,6 +33,7 @@ from ppmcal.controllers.klipper.rotary import (
     read_rotary,
     turns_down,
 )
+from ppmcal.controllers.number_intervals import following
 from ppmcal.controllers.pose_errors import ErrorSummary
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
@@ -50,6 +51,10 @@ DISC = 0.6
 ROUNDED = 1e-7
 """Errors below this are those of the decimals that are written, m."""
 SCALES = np.array([1.0, 1.0, *[0.3] * 3, *[1.0] * 9])
+FITTED = np.arange(14) != 4
+"""Arm c keeps its angle."""
+STEP = 1e-4
+"""Step of differences by the numbers, of their scales."""
 
 
 # --- import ---------------------------------------------------------------------------------------
@@ -166,7 +171,8 @@ def export_rotary(mechanism: Mechanism, old: Path | None) -> Exported:
     """
     drive, first = drive_of(mechanism), drive_of(mechanism.nominal())
     points = _points(mechanism)
-    new = _best(drive, points).rounded()
+    exact = _best(drive, points)
+    new = exact.rounded()
     was = (_best(first, points).rounded() if old is None
            else read_rotary(read_config(old)))
     at_old, at_new = drive.reached(was, points), drive.reached(new, points)
@@ -183,7 +189,10 @@ def export_rotary(mechanism: Mechanism, old: Path | None) -> Exported:
         "rotation on the bed ignored", before, after, lacks, (), (Note(
             f"Paste the lines of {FILE} into {old or 'printer.cfg'}, above its #*# lines and "
             "below all other sections: there they win. Keep `gear_ratio` as it is.", NOTE),),
-        poses=np.pad(points[both], ((0, 0), (0, 3))))
+        poses=np.pad(points[both], ((0, 0), (0, 3))),
+        again=following(lambda m: _errors(drive_of(m), points, exact.array()), mechanism,
+                        exact.array()[FITTED], STEP * SCALES[FITTED],
+                        lambda p: dict(_filled(exact.array(), p).named())))
 
 
 def _text(mechanism: Mechanism, new: RotaryDelta, before: ErrorSummary, after: ErrorSummary,
@@ -251,23 +260,30 @@ def _best(drive: RotaryDrive, points: Array) -> RotaryDelta:
     start = _read_off(drive)
     if error_summary(drive.reached(start, points), points).max < EXACT:
         return start
-    free = np.arange(14) != 4
     whole = start.array()
+    with guarded("the numbers for the firmware"):
+        found = least_squares(_errors(drive, points, whole), whole[FITTED], x_scale=SCALES[FITTED],
+                              xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=40)
+    return _filled(whole, found.x)
 
+
+def _filled(whole: Array, own: Array) -> RotaryDelta:
+    """Return the numbers (14,) with those in their place that are fitted, (13,)."""
+    numbers = whole.copy()
+    numbers[FITTED] = own
+    return RotaryDelta.of(numbers)
+
+
+def _errors(drive: RotaryDrive, points: Array, whole: Array) -> Callable[[Array], Array]:
+    """Return what makes errors at points (N, 3), mm (3N,), of the numbers that are fitted."""
     def errors(own: Array) -> Array:
-        numbers = whole.copy()
-        numbers[free] = own
-        at = drive.reached(RotaryDelta.of(numbers), points)
+        at = drive.reached(_filled(whole, own), points)
         good = finite_rows(at)
         out = np.full(points.shape, 1e3)
         out[good] = laid_on(at[good], points[good])[0] / MM
         return np.asarray(out.ravel())
 
-    with guarded("the numbers for the firmware"):
-        found = least_squares(errors, whole[free], x_scale=SCALES[free], xtol=1e-12, ftol=1e-12,
-                              gtol=1e-12, max_nfev=40)
-    whole[free] = found.x
-    return RotaryDelta.of(whole)
+    return errors
 
 
 def _lacks(mechanism: Mechanism, after: ErrorSummary) -> Iterator[NotExpressed]:

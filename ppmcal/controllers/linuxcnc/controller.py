@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -26,9 +26,12 @@ from ppmcal.controllers.linuxcnc.fit import (
     best,
     commands,
     drive_of,
+    errors_by,
     genhexkins_setting,
     grid,
     joints,
+    numbers,
+    points,
     predicted_errors,
     reached,
     rounded,
@@ -47,6 +50,7 @@ from ppmcal.controllers.linuxcnc.hal import (
     read_hal,
 )
 from ppmcal.controllers.linuxcnc.pentakins import export_pentapod, is_pentapod
+from ppmcal.controllers.number_intervals import following
 from ppmcal.controllers.pose_errors import next_to_none
 from ppmcal.errors import BadInput
 from ppmcal.io import read_poses
@@ -60,6 +64,8 @@ HAL, JOINTS = "genhexkins.hal", "joints.ini"
 WORD = {"mm": "mm", "in": "inch"}
 """Units of points as LinuxCNC calls them."""
 ENOUGH = 20
+STEP = 1e-7
+"""Step of differences by the numbers, m and 1."""
 APART = 1.6
 """Points that spread by more than this, or its inverse, of what they should are not these."""
 OTHER = 0.2
@@ -85,7 +91,8 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
     around, far, turn = grid(drive)
     if len(around) < ENOUGH:
         raise next_to_none(mechanism)
-    new = rounded(best(drive, genhexkins_setting(drive, present), around))
+    exact = best(drive, genhexkins_setting(drive, present), around)
+    new = rounded(exact)
     old_pins = genhexkins_setting(drive_of(mechanism.nominal(), drive.unit)).geometry
     before = GenhexkinsSetting(
         old_pins if present is None else present, np.ones(STRUTS), np.zeros(STRUTS)
@@ -104,7 +111,11 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         f"genhexkins' numbers hold {'most of it, fitted' if lacks else 'all of the geometry'}",
         tuple(_numbers(before.geometry, new.geometry, ini, unit)), over.words, was,
         after, lacks, notes, tuple(_advice(ini, unit)),
-        {"length_unit": unit, "poses": len(over.pose)}, pose_vector(over.pose))
+        {"length_unit": unit, "poses": len(over.pose)}, pose_vector(over.pose),
+        again=following(
+            lambda m: errors_by(drive_of(m, drive.unit), around), mechanism,
+            numbers(exact, drive.unit), np.full(48, STEP),
+            lambda p: _named(exact.geometry, p, drive.unit)))
 
 
 def _unit(mechanism: Mechanism, present: HexapodGeometry | None, old: Path | None) -> str:
@@ -215,6 +226,14 @@ def _numbers(
     for n, joint in enumerate(ini):
         yield Number(f"[JOINT_{n}] stretch", 1.0, joint.stretch, "")
         yield Number(f"[JOINT_{n}] shift", 0.0, joint.shift, unit)
+
+
+def _named(pins_of: HexapodGeometry, p: Array, unit: float) -> Mapping[str, float]:
+    """Return the numbers (48,) that are fitted as :func:`_numbers` calls them."""
+    base, platform = (p[i:i + 18].reshape(6, 3) / unit for i in (0, 18))
+    geometry = replace(pins_of, base=points(base), platform=points(platform))
+    ini = tuple(Joint(0.0, f, d) for d, f in zip(p[36:42] / unit, p[42:], strict=True))
+    return {n.name: n.new for n in _numbers(geometry, geometry, ini, "")}
 
 
 def _lateral(drive: LinuxcncDrive) -> list[int]:

@@ -19,6 +19,7 @@ is negative. With q the machine's own forward kinematics tell where the platform
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -296,6 +297,20 @@ def best(drive: LinuxcncDrive, start: GenhexkinsSetting, pose: Array) -> Genhexk
     found = replace(start.geometry, base=points(p[:18].reshape(6, 3) / unit),
                     platform=points(p[18:36].reshape(6, 3) / unit))
     return GenhexkinsSetting(found, start.stretch / p[42:], p[36:42] / unit)
+
+
+def numbers(setting: GenhexkinsSetting, unit: float) -> Array:
+    """Return what of a setting is fitted (48,): base, platform and shifts, m, and stretches."""
+    base, platform = np.array(setting.geometry.base), np.array(setting.geometry.platform)
+    return np.concatenate([unit * base.ravel(), unit * platform.ravel(), unit * setting.shift,
+                           setting.stretch])
+
+
+def errors_by(drive: LinuxcncDrive, pose: Array) -> Callable[[Array], Array]:
+    """Return what makes errors at motors (N, 8), (6N,), of :func:`numbers`."""
+    start = genhexkins_setting(drive)
+    fit = _Fit(drive, right_shift(drive, start.stretch), pose)
+    return lambda p: fit.errors(np.concatenate([p[:42], start.stretch / p[42:]]))
 
 
 class _Fit:

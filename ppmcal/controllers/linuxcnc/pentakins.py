@@ -13,7 +13,7 @@ z, its axes r_n apart. How the effector turns about z is nothing to it: that a p
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from scipy.optimize import least_squares
 from ppmcal import algebra as cga
 from ppmcal.controllers.export import Exported, NotExpressed, Number, effects_lacking, head, misread
 from ppmcal.controllers.linuxcnc.hal import DIGITS, Joint, format_joints, parse_joints
+from ppmcal.controllers.number_intervals import following
 from ppmcal.controllers.pose_errors import next_to_none, pose_errors
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
@@ -34,6 +35,8 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import NOTE, Note
 
 STRUTS, NUMBERS = 5, 5
+STEP = 1e-7
+"""Step of differences by the numbers, m and 1."""
 HAL, JOINTS = "pentakins.hal", "joints.ini"
 UNIT = 1e-3
 """Lengths are written in mm."""
@@ -67,6 +70,16 @@ class PentapodSetting:
     numbers: Array
     stretch: Array
     shift: Array
+
+    def array(self) -> Array:
+        """Return all of it as one array (35,), m and 1."""
+        return np.concatenate([self.numbers.ravel(), self.shift, self.stretch])
+
+    @classmethod
+    def of(cls, p: Array) -> PentapodSetting:
+        """Return the setting of such an array (35,)."""
+        at = STRUTS * NUMBERS
+        return cls(p[:at].reshape(STRUTS, NUMBERS), p[at + STRUTS:], p[at:at + STRUTS])
 
     def rounded(self) -> PentapodSetting:
         """Return what is left of it after writing and reading."""
@@ -106,8 +119,8 @@ def export_pentapod(mechanism: Mechanism, old: Path | None, poses: Path | None) 
                            "about home", name, "Leave it out")
     bare = replace(mechanism, effects=())
     wanted = _poses(bare)
-    new, held = _fitted(bare, wanted)
-    new = new.rounded()
+    exact, held = _fitted(bare, wanted)
+    new = exact.rounded()
     nominal = _read_off(bare.nominal(), bare)
     lacks = tuple(_lacks(mechanism, bare, wanted, new, held))
     before, after = (pose_errors(bare, _reached(bare, s, wanted), wanted) for s in (nominal, new))
@@ -122,7 +135,9 @@ def export_pentapod(mechanism: Mechanism, old: Path | None, poses: Path | None) 
               "tool-offset stays as it is", NOTE),),
         (Note(f"Load {HAL} by HALFILE in place of the lines that set these pins now, and change "
               f"the INI file's joints as {JOINTS} says, once.", NOTE),),
-        poses=pose_vector(wanted))
+        poses=pose_vector(wanted),
+        again=following(lambda m: _errors_by(replace(m, effects=()), wanted), mechanism,
+                        exact.array(), np.full(7 * STRUTS, STEP), _named))
 
 
 def _files(mechanism: Mechanism, new: PentapodSetting, names: list[str], comment: str
@@ -185,11 +200,7 @@ def _read_off(mechanism: Mechanism, real: Mechanism) -> PentapodSetting:
 
 def _fitted(mechanism: Mechanism, wanted: Array) -> tuple[PentapodSetting, bool]:
     """Return the setting that asks for what struts have to be, and whether it does so exactly."""
-    start = _read_off(mechanism, mechanism)
-    q = inverse_partial(Model(mechanism), pose_vector(wanted)).q
-    ratio, offset = _counts(mechanism.nominal())
-    own = [mechanism.limbs[i].actuator for i in _driven(mechanism)]
-    true = start.stretch * (ratio * q[:, own] + offset) + start.shift
+    start, true = _struts(mechanism, wanted)
     if np.abs(strut_lengths(start.numbers, wanted) - true).max() < EXACT:
         return start, True
     numbers, shift = start.numbers.copy(), start.shift.copy()
@@ -204,6 +215,33 @@ def _fitted(mechanism: Mechanism, wanted: Array) -> tuple[PentapodSetting, bool]
                               max_nfev=60).x
         numbers[n], shift[n] = p[:NUMBERS], start.shift[n] + p[NUMBERS]
     return PentapodSetting(numbers, start.stretch, shift), False
+
+
+def _struts(mechanism: Mechanism, wanted: Array) -> tuple[PentapodSetting, Array]:
+    """Return the numbers as read off, and what struts have to be with them (N, 5), m."""
+    start = _read_off(mechanism, mechanism)
+    q = inverse_partial(Model(mechanism), pose_vector(wanted)).q
+    ratio, offset = _counts(mechanism.nominal())
+    own = [mechanism.limbs[i].actuator for i in _driven(mechanism)]
+    return start, start.stretch * (ratio * q[:, own] + offset) + start.shift
+
+
+def _errors_by(mechanism: Mechanism, wanted: Array) -> Callable[[Array], Array]:
+    """Return what makes errors of struts (5N,), and of stretches, m and 1, of a setting (35,)."""
+    start, true = _struts(mechanism, wanted)
+
+    def errors(p: Array) -> Array:
+        own = PentapodSetting.of(p)
+        away = strut_lengths(own.numbers, wanted) - (own.shift - start.shift) - true
+        return np.concatenate([np.nan_to_num(away).ravel(), own.stretch - start.stretch])
+
+    return errors
+
+
+def _named(p: Array) -> Mapping[str, float]:
+    """Return a setting (35,) as :func:`_table` calls its numbers."""
+    own = PentapodSetting.of(p)
+    return {n.name: n.new for n in _table(own, own)}
 
 
 def _reached(mechanism: Mechanism, setting: PentapodSetting, wanted: Array) -> Array:

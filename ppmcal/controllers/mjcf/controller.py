@@ -71,7 +71,8 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         f"MuJoCo's bodies hold {'the geometry' if lacks else 'all of the machine'}",
         tuple(_numbers(mechanism)), f"{len(q)} poses, at the same joint values",
         pose_errors(mechanism, real, was), pose_errors(mechanism, real, reached), lacks, notes,
-        tuple(_advice()), poses=driven_to.wanted)
+        tuple(_advice()), poses=driven_to.wanted,
+        again=lambda m: {p.name: float(p.value) for p in m.parameters})
 
 
 @dataclass(frozen=True, eq=False)

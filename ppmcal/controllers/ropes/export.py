@@ -109,7 +109,7 @@ def export_ropes(firmware: RopeFirmware, mechanism: Mechanism, old: Path | None,
     """
     refuse_poses(firmware.name, poses)
     machine = _machine(firmware, mechanism)
-    exact = machine.frame.inside(machine.ropes.anchors) / MM
+    exact = _anchors(firmware, machine)
     new = np.round(exact, firmware.decimals) + 0.0
     present = _present(firmware, machine, old)
     if mechanism.motion.planar and not new[:, 2].any():
@@ -129,7 +129,13 @@ def export_ropes(firmware: RopeFirmware, mechanism: Mechanism, old: Path | None,
         f"{firmware.title}'s anchors hold {'most' if lacks else 'all'} of the geometry",
         tuple(Number(name, olds.get(name), value, "mm") for name, value in firmware.table(new)),
         f"{len(wanted)} places of a box about home", before, after, lacks, notes,
-        tuple(firmware.advice(old)), poses=wanted)
+        tuple(firmware.advice(old)), poses=wanted,
+        again=lambda m: dict(firmware.table(_anchors(firmware, _machine(firmware, m)))))
+
+
+def _anchors(firmware: RopeFirmware, machine: _Machine) -> Array:
+    """Return the anchors (k, 3), mm, in the firmware's frame."""
+    return np.asarray(machine.frame.inside(machine.ropes.anchors) / MM)
 
 
 def _machine(firmware: RopeFirmware, mechanism: Mechanism) -> _Machine:

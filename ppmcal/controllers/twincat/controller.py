@@ -11,7 +11,7 @@ entered in the engineering, so the text written here is a list to type from.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,6 +29,7 @@ from ppmcal.controllers.export import (
 )
 from ppmcal.controllers.klipper.rotary import RotaryDelta, arm_angles
 from ppmcal.controllers.klipper.rotary_machine import is_rotary_delta
+from ppmcal.controllers.number_intervals import following
 from ppmcal.controllers.pose_errors import ErrorSummary, pose_errors
 from ppmcal.controllers.pose_grid import default_grid, instrument_notes
 from ppmcal.controllers.text import commented
@@ -44,6 +45,9 @@ from ppmcal.notes import NOTE, Note
 FILE, DIGITS, MM = "twincat.txt", 6, 1e-3
 NAMES = ("Inner arm length", "Outer arm length", "Displacement", "TCP displacement")
 MOST, ENOUGH, EXACT = 100, 20, 1e-7
+FITTED, SCALES, STEP = np.arange(7) != 3, np.array([1.0, 1.0, 1.0, 0.3, 0.3, 0.3]), 1e-4
+"""Numbers that are fitted, their scales, mm and deg, and the step of differences by them, in these.
+"""
 EVEN = 0.5
 """Arms are 120 degrees apart, and level at u = 0, to this, degrees."""
 _LINE = re.compile(r"^([A-Za-z][^=#\n]*?) = (\S+) (mm|deg)$", re.MULTILINE)
@@ -65,7 +69,8 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         raise NoResult("the machine takes next to no pose within its limits", mechanism.source,
                        "Check `home` and `limits`")
     nominal = _read_off(bare.nominal(), bare)
-    new = np.round(_best(bare, turns, pose), DIGITS) + 0.0
+    exact = _best(bare, turns, pose)
+    new = np.round(exact, DIGITS) + 0.0
     before, after = (_errors(bare, turns, n, pose) for n in (nominal, new))
     lacks = tuple(_lacks(mechanism, after))
     numbers = tuple(_numbers(mechanism, nominal, new))
@@ -81,7 +86,11 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         (*_notes(), *instrument_notes(mechanism)),
         (Note(f"Type the numbers of {FILE} into the parameters of the kinematics' object, and add "
               "each change to the joint value at which its axis is homed.", NOTE),),
-        poses=np.pad(cga.translation(pose), ((0, 0), (0, 3))))
+        poses=np.pad(cga.translation(pose), ((0, 0), (0, 3))),
+        again=following(
+            lambda m: _misses(replace(m, effects=()), turns, exact, pose), mechanism,
+            exact[FITTED], STEP * SCALES,
+            lambda p: dict(zip(_names(mechanism), _filled(exact, p).tolist(), strict=True))))
 
 
 def parse(text: str) -> list[tuple[str, float]]:
@@ -154,25 +163,38 @@ def _best(mechanism: Mechanism, turns: Array, pose: Array) -> Array:
     numbers[3] = _read_off(mechanism.nominal(), mechanism)[3]
     if _errors(mechanism, turns, numbers, pose).max < EXACT:
         return numbers
-    free = np.arange(7) != 3
+    with guarded("the parameters for TwinCAT"):
+        found = least_squares(
+            _misses(mechanism, turns, numbers, pose), numbers[FITTED], x_scale=SCALES, xtol=1e-12,
+            ftol=1e-12, gtol=1e-12, max_nfev=40).x
+    return _filled(numbers, found)
 
-    def errors(p: Array) -> Array:
-        own = numbers.copy()
-        own[free] = p
-        away = cga.translation(_reached(mechanism, turns, own, pose)) - cga.translation(pose)
+
+def _filled(numbers: Array, own: Array) -> Array:
+    """Return the numbers (7,) with those in their place that are fitted, (6,)."""
+    out = numbers.copy()
+    out[FITTED] = own
+    return out
+
+
+def _misses(mechanism: Mechanism, turns: Array, numbers: Array, pose: Array
+            ) -> Callable[[Array], Array]:
+    """Return what makes errors at motors (N, 8), mm (3N,), of the numbers (6,) that are fitted."""
+    def errors(own: Array) -> Array:
+        at = _reached(mechanism, turns, _filled(numbers, own), pose)
+        away = cga.translation(at) - cga.translation(pose)
         return np.nan_to_num(away / MM, nan=1e3).ravel()
 
-    with guarded("the parameters for TwinCAT"):
-        numbers[free] = least_squares(
-            errors, numbers[free], x_scale=[1.0, 1.0, 1.0, 0.3, 0.3, 0.3], xtol=1e-12, ftol=1e-12,
-            gtol=1e-12, max_nfev=40).x
-    return numbers
+    return errors
+
+
+def _names(mechanism: Mechanism) -> tuple[str, ...]:
+    return (*NAMES, *(f"Change of zero of {mechanism.actuators[limb.actuator]}"
+                      for limb in mechanism.limbs))
 
 
 def _numbers(mechanism: Mechanism, old: Array, new: Array) -> Iterator[Number]:
-    names = (*NAMES, *(f"Change of zero of {mechanism.actuators[limb.actuator]}"
-                       for limb in mechanism.limbs))
-    for i, name in enumerate(names):
+    for i, name in enumerate(_names(mechanism)):
         yield Number(name, round(float(old[i]), DIGITS), float(new[i]), "mm" if i < 4 else "deg")
 
 

@@ -137,8 +137,15 @@ def _errors(result: Diagnosis) -> ErrorStages:
     alone = residuals(result.before.problem, result.before.state)
     before, geometry, after = (summaries(errors.figures(found.fit.keep), units)
                                for errors in (found.before, alone, found.after))
+    worse = any((geometry[k].rms or 0.0) > (b.rms or 0.0) for k, b in before.items()
+                if k in geometry)
+    own = [old & new for old, new in zip(result.before.keep, found.fit.keep, strict=True)]
+    out = sum(int((new & ~old).sum())
+              for old, new in zip(result.before.keep, found.fit.keep, strict=True))
     return ErrorStages(before_is=definition(found.fit.problem.blind), before=before,
-                       geometry=geometry, after=after)
+                       geometry=geometry, after=after,
+                       own_rows=summaries(alone.figures(own), units) if worse and out else None,
+                       left_out=out if worse and out else None)
 
 
 class GapStep(NamedTuple):

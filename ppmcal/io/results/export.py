@@ -87,6 +87,7 @@ class ExportRecord(Record):
     the model is exact; ``lost``, ``model``, ``expected_after``: what is left with the new ones,
     rms, of the format, of the model, and of both; ``expected_before``: with the old ones, the
     model's own uncertainty in it too. ``lines``: those to paste, where the file has few.
+    ``number_half``: half of the 95 % interval of each number, in its unit, of those known.
     """
 
     FILE: ClassVar[str] = "export.json"
@@ -98,6 +99,7 @@ class ExportRecord(Record):
     parameters: Mapping[str, Shown | None] = field(default_factory=dict)
     old: Mapping[str, Shown | None] = field(default_factory=dict)
     number_units: Mapping[str, Text] = field(default_factory=dict)
+    number_half: Mapping[str, Shown | None] = field(default_factory=dict)
     title: Text = ""
     answer: Annotated[Text, Key("verdict.answer")] = ""
     why: Annotated[Text, Key("verdict.why")] = ""
@@ -153,6 +155,14 @@ class ExportRecord(Record):
         return (f"{text}{self.model.rms_words()} (1 sigma, rms over the poses, in {where}). "
                 "Predicted error with the new numbers: "
                 f"{self.expected_after.rms_words()} rms{old}.")
+
+    def intervals_sentence(self) -> str:
+        """Return what the intervals of numbers hold, empty where none is known."""
+        if not self.number_half:
+            return ""
+        return ("+- 95 %: what the measurements leave open of each number; numbers go together, "
+                "so that the machine is known better with all of them than by one. 0: fixed by "
+                "how the format counts, or in the model.")
 
     @property
     def called(self) -> str:

@@ -23,7 +23,7 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.recorded import RecordedForm
 from ppmcal.model.registration import DefinedFrame, Registration
 from ppmcal.units import Angle, Key, Length, OfUnit, Units
-from ppmcal.wording import number
+from ppmcal.wording import number, pluralize
 
 
 class ParameterEstimate(Part):
@@ -102,7 +102,9 @@ Summaries = Mapping[Text, ErrorSize]
 class ErrorStages(Part):
     """Errors by kind in the rows in use: as ``before_is`` says, of geometry alone, of the model.
 
-    ``holdout``: of the model, on what was held out.
+    ``holdout``: of the model, on what was held out. Where geometry alone misses by more than the
+    machine did before it: ``own_rows``, its errors without the ``left_out`` rows that its own fit
+    left out.
     """
 
     before_is: Text = ""
@@ -110,6 +112,8 @@ class ErrorStages(Part):
     geometry: Summaries = field(default_factory=dict)
     after: Summaries = field(default_factory=dict)
     holdout: Summaries = field(default_factory=dict)
+    own_rows: Summaries | None = None
+    left_out: Whole | None = None
 
     def sentence(self, more: bool) -> str:
         """Return the sizes and what before is, empty where the file does not say."""
@@ -125,9 +129,22 @@ class ErrorStages(Part):
         kind = next((k for k in ("position", *self.after) if k in self.after), "")
         stages = [("before", self.before), ("geometry alone", self.geometry),
                   ("with what was found", self.after)][:3 if more else 2]
-        sizes = [f"{name} {number(s[kind].rms)} {s[kind].unit}" for name, s in stages
+        sizes = [f"{name} {number(s[kind].rms)} {s[kind].unit}"
+                 + self._why_worse(kind) * (s is self.geometry) for name, s in stages
                  if kind in s and s[kind].rms is not None]
         return f"{kind.capitalize()} error, rms: {', '.join(sizes)}." if sizes else ""
+
+
+    def _why_worse(self, kind: str) -> str:
+        """Return why geometry alone misses by more than before, empty if it does not."""
+        was, alone = (s[kind].rms if kind in s else None for s in (self.before, self.geometry))
+        if was is None or alone is None or alone <= was:
+            return ""
+        own = (self.own_rows or {}).get(kind)
+        if self.left_out and own is not None and own.rms is not None and own.rms < alone:
+            return (f" ({number(own.rms)} {own.unit} without the "
+                    f"{pluralize(self.left_out, 'row')} that its own fit left out)")
+        return " (its fit weighs all that is measured by its noise, with the tolerances)"
 
 
 def before_words(before_is: str) -> str:

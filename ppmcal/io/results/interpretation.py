@@ -19,7 +19,8 @@ class MisreadingEntry(Part):
     """One mistake in one file.
 
     ``read``: the sidecar's block that corrects all mistakes of that file; null where only the user
-    can; ``sigma``: entries of its ``instrument.sigma`` that belong to that, in its units.
+    can; ``sigma``: entries of its ``instrument.sigma`` that belong to that, in its units;
+    ``headers``: of the file -> those to write in their place, where the unit stands in them.
     ``rows``: where not all; ``residual``: half of the rows miss by more, of the
     nominal machine at its best registration.
     """
@@ -32,6 +33,7 @@ class MisreadingEntry(Part):
     residual: ErrorChange | None = None
     text: Text = ""
     sigma: Mapping[str, float] | None = None
+    headers: Mapping[str, str] | None = None
 
 
 def misreading_entries(found: Sequence[Interpretation], units: Units) -> tuple[MisreadingEntry,
@@ -45,5 +47,6 @@ def misreading_entries(found: Sequence[Interpretation], units: Units) -> tuple[M
         out += [MisreadingEntry.filled(
             m, file=one.source, rows=m.rows or None, read=one.block,
             residual=miss if known else None, text=m.text + one.otherwise * (m is one.mistakes[-1]),
-            sigma=dict(one.sigma) or None) for m in one.mistakes]
+            sigma=dict(one.sigma) or None, headers=dict(one.headers) or None)
+            for m in one.mistakes]
     return tuple(out)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from ppmcal.calibration.fit import half_or
 from ppmcal.io.results.record import Finite, Part, Text, Whole
 from ppmcal.units import OfUnit
-from ppmcal.wording import number
+from ppmcal.wording import number, pluralize
 
 
 class Range(Part):
@@ -25,7 +25,8 @@ class ErrorSize(Part):
     """Statistics of one kind of error over rows or poses, in ``unit``.
 
     ``rms_low`` ... ``p95_high``: 95 % intervals of what more poses of the kind would give; None is
-    an open end. ``by_chance``: rms that noise alone makes.
+    an open end. ``by_chance``: rms that noise alone makes. ``count``: of rows, where they are those
+    that a fit had not seen.
     """
 
     mean: OfUnit[Finite | None] = None
@@ -38,6 +39,12 @@ class ErrorSize(Part):
     max: OfUnit[Finite | None] = None
     by_chance: OfUnit[Finite | None] = None
     unit: Text = ""
+    count: Whole | None = None
+
+    @property
+    def of_rows(self) -> str:
+        """``" (4 rows, held out once)"``, empty where the file does not say."""
+        return "" if self.count is None else f" ({pluralize(self.count, 'row')}, held out once)"
 
 
 class UncertainValue(Part):
