@@ -413,7 +413,8 @@ def test_identification_json(campaigns, motion):
             assert p["sigma_data"] is None, p["name"]
     for when in ("before", "after", "holdout"):
         position = found["residual"][when]["position"]
-        assert set(position) == {"mean", "rms", "p95", "max", "unit"}
+        assert set(position) == {"mean", "rms", "p95", "max", "unit",
+                                 *["count"] * (when == "holdout")}
         assert 0 < position["mean"] <= position["rms"] <= position["max"]
         assert {"rms", "max", "unit"} <= set(found["residual"][when]["closure"])
     assert found["residual"]["after"]["position"]["rms"] < (
