@@ -1,5 +1,6 @@
 """Joint values alone that cannot be a machine's: one refusal each, with its cause and place."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,13 +10,25 @@ from helpers.paths import ROOT
 from helpers.redundant import alone, belts, cables, rope_cage, written
 
 import ppmcal
-from ppmcal.calibration.fit import FitOptions, Problem, find_gross_errors, identify, too_few
+from ppmcal.calibration.fit import (
+    FitOptions,
+    Problem,
+    distances,
+    find_gross_errors,
+    identify,
+    too_few,
+)
 from ppmcal.calibration.interpretation import InterpretationError
+from ppmcal.calibration.interpretation.joint_zeros import joint_zeros, zeros_elsewhere
 from ppmcal.commands.inputs import prepared
 from ppmcal.errors import BadInput
+from ppmcal.io.mechanism_reader import read_mechanism
 from ppmcal.io.results.gross_errors import gross_rows, row_sentences, would_be
+from ppmcal.kinematics.inverse import home_state
+from ppmcal.kinematics.partial_pose import pose_vector
 
-HALF = {"belts": {"x": 900, "y": 600}, "cables": {"x": 700, "y": 500, "rz": 8},
+HALF = {"cable-4-planar": {"x": 700, "y": 500, "rz": 8},
+        "belts": {"x": 900, "y": 600}, "cables": {"x": 700, "y": 500, "rz": 8},
         "cage": {"x": 600, "y": 500, "z": 400, "rx": 10, "ry": 10, "rz": 10}}
 
 
@@ -191,3 +204,77 @@ def test_a_rope_slack_in_many_rows_is_among_those_that_may_be(tmp_path):
     assert "limbs read longer than the others let them be in 31 of 60 rows" in text
     assert f"q_{names[3]} in 31 by up to" in text
     assert "of one contradiction a row the sign alone tells, so it may be any of these" in text
+
+
+# --- joints that count from another zero ----------------------------------------------------------
+
+def crossed():
+    """Return the file of a platform on four cables in the plane that cross."""
+    tree = yaml.safe_load((ROOT / "configs" / "cable-4-planar.yaml").read_text(encoding="utf-8"))
+    return {n: v for n, v in tree.items() if n != "limits"}
+
+
+def from_home(tree, **more):
+    """Return the file of a machine whose joints are zero at home, with its home moved."""
+    file = {**tree, "home": {"pose": {k: v + more.get(k, 0) for k, v in
+                                      tree["home"]["pose"].items()}}}
+    bare = read_mechanism({**file, "limbs": [{n: v for n, v in limb.items() if n != "offset"}
+                                             for limb in tree["limbs"]]})
+    return {**file, "tolerances": {"point": 5, "offset": 3}, "limbs": [
+        {**limb, "offset": round(1e3 * length, 2)} for limb, length in
+        zip(tree["limbs"], home_state(bare).q.tolist(), strict=True)]}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("tree", "home"), [
+    (belts, {"x": 400}), (crossed, {"x": -200, "y": 150})])
+def test_a_home_that_is_far_off_is_named(tree, home, tmp_path):
+    """Where the platform stood at zero is told to within what the points' tolerances leave."""
+    _, data = measured(tmp_path, from_home(tree()))
+    mechanism, datasets = prepared(written(tmp_path, from_home(tree(), **home), "off.yaml"), data)
+    problem = Problem(mechanism, datasets, mechanism.free)
+    (fault,) = zeros_elsewhere(problem).mistakes
+    assert fault.kind == "home" and fault.text.startswith("home is far off")
+    true = read_mechanism(tree()).home_pose
+    found = pose_vector(joint_zeros(problem).home[None])[0]
+    assert np.abs(found - true)[:2].max() < 0.02 < np.abs(mechanism.home_pose - true)[:2].max()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tree", [belts, crossed])
+def test_a_zero_of_one_joint_is_named(tree, tmp_path):
+    _, data = measured(tmp_path, from_home(tree()))
+    file = from_home(tree())
+    file["limbs"][1]["offset"] += 250
+    mechanism, datasets = prepared(written(tmp_path, file, "off.yaml"), data)
+    (fault,) = zeros_elsewhere(Problem(mechanism, datasets, mechanism.free)).mistakes
+    assert fault.kind == "zero" and fault.columns == (f"q_{file['limbs'][1]['name']}",)
+    assert float(re.search(r"(-\d+(?:\.\d+)?) mm", fault.text)[1]) == pytest.approx(-250, abs=25)
+
+
+@pytest.mark.slow
+def test_a_home_far_off_is_the_one_refusal_and_offsets_that_may_be_are_found(tmp_path):
+    _, data = measured(tmp_path, from_home(belts()))
+    file = from_home(belts(), x=300)
+    text = refused(written(tmp_path, file, "off.yaml"), data, InterpretationError)
+    assert "home is far off" in text and "right mechanism file" not in text
+    assert any("home is far off" in f for f in ppmcal.check(tmp_path / "off.yaml", data).findings)
+    wide = written(tmp_path, {**file, "tolerances": {"point": 5, "offset": 300}}, "wide.yaml")
+    assert fitted(wide, data).converged
+
+
+def test_rows_that_are_right_and_slack_ones_have_no_other_zero(tmp_path):
+    path, data = measured(tmp_path, from_home(belts()))
+    mechanism, datasets = prepared(path, data)
+    assert zeros_elsewhere(Problem(mechanism, datasets, mechanism.free)) is None
+    q = datasets[0].q.copy()
+    q[:, 1] += np.random.default_rng(2).uniform(0.1, 0.6, len(q))
+    slack = (replace(datasets[0], q=q),)
+    assert zeros_elsewhere(Problem(mechanism, slack, mechanism.free)) is None
+
+
+@pytest.mark.parametrize("tree", [belts, pytest.param(cables, marks=pytest.mark.slow)])
+def test_rows_of_joints_alone_are_as_far_from_a_right_machine_as_their_noise(tree, tmp_path):
+    path, data = measured(tmp_path, tree())
+    fit = fitted(path, data)
+    assert 0.6 < distances(fit.problem, fit.state).times(fit.keep) < 1.4

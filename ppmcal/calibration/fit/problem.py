@@ -354,6 +354,11 @@ class Problem:
             return seen, white, number
         return seen[rows], white[rows], number[rows]
 
+    def counts(self, index: int, rows: Ints) -> Ints:
+        """Return how many values rows (n,) of a data set tell: measured, and surplus of closure."""
+        ends = 1 if self.datasets[index].to_q is None else 2
+        return np.asarray(self.measured(index, rows)[2] + ends * self.mechanism.surplus)
+
     @cached_property
     def _kept(self) -> dict[int, tuple[Array, Array, Ints]]:
         return {}

@@ -123,7 +123,7 @@ def distances(problem: Problem, state: State, covariance: Array | None = None,
             continue
         rows = np.flatnonzero(solved)
         square[i][rows] = row_squares(problem, state, i, solved) / problem.weights[i][rows]
-        size[i][rows] = problem.measured(i, rows)[2]
+        size[i][rows] = problem.counts(i, rows)
     return Distances(tuple(square), tuple(size), tuple(d.estimated for d in problem.datasets))
 
 

@@ -18,6 +18,11 @@ HINTS = {
                      "nominal, give larger tolerances, or --prior flat",
     "shuffled": "No sidecar entry can correct that: put the measurements back into the order of "
                 "the joint values at their source, or leave those rows out",
+    "home": "Measure where the platform stands at home's joint values, and correct the home pose "
+            "and the offsets with it. Or give `offset` tolerances of that size: the fit finds "
+            "offsets then",
+    "zero": "Correct these joints' offsets, or give `offset` tolerances of that size: the fit "
+            "finds offsets then",
     **{key.replace("_", "-"): f"Write into the sidecar: `{key}: unknown`"
        for key in ("frame", "target", "target_rotation")}}
 """What only the user can correct, by kind of mistake."""
@@ -36,8 +41,8 @@ class FileFault:
     """One way in which a file is not what it was read as.
 
     ``kind``: permuted, sign, unit, rotation, inverse, mirrored, exchanged, shifted, stale,
-    outside-limits or radius; ``columns`` that it concerns; ``text``: in words; ``rows``: where
-    not all of them, by number in the CSV.
+    outside-limits, home, zero or radius; ``columns`` that it concerns; ``text``: in words;
+    ``rows``: where not all of them, by number in the CSV.
     """
 
     kind: str

@@ -19,6 +19,7 @@ from ppmcal.calibration.interpretation.interpretation_error import (
     Interpretation,
     InterpretationError,
 )
+from ppmcal.calibration.interpretation.joint_zeros import zeros_elsewhere
 from ppmcal.calibration.interpretation.limits import LANDS, TELLING
 from ppmcal.calibration.interpretation.readings import ColumnInterpretation
 from ppmcal.errors import BadInput, PpmcalError
@@ -168,6 +169,8 @@ def _refuse_contradiction(problem: Problem, data: Dataset) -> None:
     if np.mean(times > LANDS) <= MANY:
         return
     _refuse_exchanged(rows, data, float(np.median(gap)), float(np.median(times)))
+    elsewhere = zeros_elsewhere(problem)
+    _refuse(problem.mechanism, [elsewhere] if elsewhere else [])
     _refuse_slack(rows, data, times > LANDS)
 
 

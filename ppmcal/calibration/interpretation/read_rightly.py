@@ -23,6 +23,7 @@ from ppmcal.calibration.interpretation.interpretation_error import (
     Interpretation,
     InterpretationError,
 )
+from ppmcal.calibration.interpretation.joint_zeros import zeros_elsewhere
 from ppmcal.calibration.interpretation.joints_alone import refuse_exchanged, refuse_joints_alone
 from ppmcal.calibration.interpretation.limits import (
     ALLOWED,
@@ -284,6 +285,8 @@ def refuse_columns(fit: Fit) -> None:
     Raises:
         InterpretationError: with how they are to be read.
     """
+    elsewhere = zeros_elsewhere(fit.problem)
+    _refuse([elsewhere] if elsewhere else [], fit.problem)
     _refuse(_misreadings(replace(fit.problem, earlier=None), left_out_whole(fit)), fit.problem)
     refuse_exchanged(fit)
 
