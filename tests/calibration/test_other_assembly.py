@@ -1,14 +1,20 @@
 """Rows measured in another assembly mode are told as that, not as an error of the model."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from helpers.paths import ROOT
 
+import ppmcal
 from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.interpretation import InterpretationError
+from ppmcal.calibration.interpretation.assembly import other_assembly
+from ppmcal.calibration.interpretation.read_rightly import misfit
 from ppmcal.calibration.sessions.day_noise import with_day_noise
 from ppmcal.calibration.validation.frozen_models import FrozenModel, in_other_assembly, validated
 from ppmcal.design.assembly_modes import assembly_modes
@@ -82,3 +88,42 @@ def test_values_typed_wrong_are_no_other_assembly_mode():
     fit = identify(Problem(mechanism, (replace(data, position=wrong),), ()),
                    FitOptions(method="flat", robust=False))
     assert not in_other_assembly(fit).any()
+
+
+def encoded(tree, at="left.joint2"):
+    """Return rows of a second encoder of a machine whose errors are drawn."""
+    made = ppmcal.simulate(tree, {
+        "format": "ppmcal/scenario/1", "units": tree["units"], "errors": {"random": {"scale": 1.0}},
+        "poses": {"random": {"center": tree["home"]["pose"], "half_range": {"x": 60, "y": 40},
+                             "count": 40}},
+        "instrument": {"kind": "joint", "at": at, "sigma": {"value": 0.01}}, "seed": 5})
+    return replace(made.data[0], name=at)
+
+
+def five_bar(side=1):
+    """Return the file of a five-bar, or its mirror image: home beyond the motors, elbows turned."""
+    tree = yaml.safe_load((ROOT / "configs" / "five-bar.yaml").read_text(encoding="utf-8"))
+    limbs = [{**limb, "elbow": side * limb["elbow"]} for limb in tree["limbs"]]
+    home = {"pose": {"x": 0, "y": 190 * side}}
+    return {n: v for n, v in tree.items() if n != "limits"} | {"limbs": limbs, "home": home}
+
+
+@pytest.mark.slow
+def test_encoders_of_a_machine_that_is_assembled_mirrored_are_told_as_that():
+    """Not as another machine: the place that is named, and other elbows, are the true file."""
+    true, data = read_mechanism(five_bar()), encoded(five_bar())
+    with pytest.raises(InterpretationError, match="assembled another way round") as refused:
+        ppmcal.identify(five_bar(-1), data)
+    (fault,) = refused.value.found[0].mistakes
+    assert fault.kind == "assembly" and "elbow" in refused.value.hint
+    mirrored = read_mechanism(five_bar(-1))
+    (found,) = other_assembly(Problem(mirrored, (data,), mirrored.free))
+    x, y, left, right = (float(re.search(rf"{name}(?: =)? (-?[\d.]+) ", found.mistakes[0].text)[1])
+                         for name in ("x", "y", "left", "right"))
+    there = inverse(Model(true), pose_motor(np.array([[x, y, 0, 0, 0, 0]]) * 1e-3)).q[0]
+    np.testing.assert_allclose(np.degrees(there), [left, right], atol=0.1)
+
+
+def test_encoders_that_are_read_rightly_are_of_no_other_assembly():
+    machine, data = read_mechanism(five_bar()), encoded(five_bar())
+    assert not misfit(Problem(machine, (data,), machine.free)).readings

@@ -21,6 +21,8 @@ HINTS = {
     "home": "Measure where the platform stands at home's joint values, and correct the home pose "
             "and the offsets with it. Or give `offset` tolerances of that size: the fit finds "
             "offsets then",
+    "assembly": "Write that place as the home pose, and the other `elbow` or `branch` of limbs "
+                "whose joint values at home are not those",
     "zero": "Correct these joints' offsets, or give `offset` tolerances of that size: the fit "
             "finds offsets then",
     **{key.replace("_", "-"): f"Write into the sidecar: `{key}: unknown`"
@@ -41,8 +43,8 @@ class FileFault:
     """One way in which a file is not what it was read as.
 
     ``kind``: permuted, sign, unit, rotation, inverse, mirrored, exchanged, shifted, stale,
-    outside-limits, home, zero or radius; ``columns`` that it concerns; ``text``: in words;
-    ``rows``: where not all of them, by number in the CSV.
+    outside-limits, home, zero, assembly or radius; ``columns`` that it concerns; ``text``: in
+    words; ``rows``: where not all of them, by number in the CSV.
     """
 
     kind: str

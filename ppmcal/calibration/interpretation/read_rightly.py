@@ -18,6 +18,7 @@ from functools import partial
 import numpy as np
 
 from ppmcal.calibration.fit import Fit, Problem, State, distances, identify
+from ppmcal.calibration.interpretation.assembly import other_assembly
 from ppmcal.calibration.interpretation.interpretation_error import (
     FileFault,
     Interpretation,
@@ -202,7 +203,7 @@ def _misfit(problem: Problem) -> Score:
     if as_read.total <= LANDS:
         return as_read
     # a way that explains everything needs no fit of what is read wrongly, which is slow
-    found = _misreadings(problem)
+    found = _misreadings(problem) or other_assembly(problem)
     if found:
         return replace(as_read, readings=found)
     fitted = look.score(np.inf)
@@ -288,6 +289,7 @@ def refuse_columns(fit: Fit) -> None:
     elsewhere = zeros_elsewhere(fit.problem)
     _refuse([elsewhere] if elsewhere else [], fit.problem)
     _refuse(_misreadings(replace(fit.problem, earlier=None), left_out_whole(fit)), fit.problem)
+    _refuse(other_assembly(fit.problem), fit.problem)
     refuse_exchanged(fit)
 
 
