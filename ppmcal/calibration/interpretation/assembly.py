@@ -24,7 +24,7 @@ from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.wording import number
 
 STARTS, MOST = 64, 6
-"""Poses about the base from which assemblies are looked for, and so many of these that are tried."""
+"""Poses about the base from which assemblies are looked for, and how many of these are tried."""
 SAME = 1e-6
 """Poses closer than this part of the reach are one assembly."""
 
