@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import yaml
 from helpers.diagnoses import CONFIGS
-from helpers.redundant import alone, apart, belts, cables, rope_cage, stewart, written
+from helpers.redundant import alone, apart, belts, cables, gapped, rope_cage, stewart, written
 
 import ppmcal
 from ppmcal import algebra as cga
@@ -214,6 +214,22 @@ def test_a_changed_pull_of_ropes_is_what_compare_names(strain, before_the_change
     (change,) = found.changes
     assert change.name == "stretch of ropes on bl, br"
     assert abs(change.parts[0].value - 0.002) < 4.0 * change.parts[0].sigma
+
+
+@pytest.mark.parametrize("moved", [0.0, 4.0])
+@pytest.mark.long
+def test_compare_of_machines_whose_limbs_gap_names_the_anchor_that_moved(moved, tmp_path):
+    """Each has the frame that its own gauge defines; where nothing moved, nothing is named."""
+    file = gapped(belts())
+    path = written(tmp_path, file)
+    for seed in (3, 4):
+        errors = {"tl.base.point.x": 12, "tr.base.point.x": moved * (seed == 4)}
+        made = ppmcal.simulate(path, alone(file, HALF["belts"], 40, 0.1, seed=seed, errors=errors))
+        ppmcal.identify(path, made.data[0], holdout=0.0).save(tmp_path / str(seed))
+    found = ppmcal.compare(tmp_path / "3", tmp_path / "4").comparison
+    assert [c.name for c in found.changes] == ["tr.base.point.x"] * bool(moved)
+    for change in found.changes:
+        assert abs(change.parts[0].value - 1e-3 * moved) < 4.0 * change.parts[0].sigma < 2e-3
 
 
 @pytest.mark.long
