@@ -76,6 +76,22 @@ def test_a_rope_that_is_slack_in_most_rows_is_a_finding(name, tmp_path):
         assert f"{ROPE[name]} reads long" in told
 
 
+@pytest.mark.slow
+def test_a_rope_that_reads_long_in_every_row_of_one_file_has_another_zero_there(tmp_path):
+    """To leave its rows out would be no advice."""
+    path, data = campaign(tmp_path, "maslow", 40)
+    other = data.with_name("other.csv")
+    other.write_bytes(data.read_bytes())
+    side = yaml.safe_load(data.with_suffix(".yaml").read_text(encoding="utf-8"))
+    side["instrument"]["sigma"]["estimated"] = True
+    for file, name in ((data, "one"), (other, "other")):
+        file.with_suffix(".yaml").write_text(yaml.safe_dump({**side, "name": name}))
+    edited(other, slackened("q_br", range(40), np.full(40, 40.0)))
+    out = ppmcal("identify", path, data, other, "--out", tmp_path / "found", "--json")
+    told = [f for f in out.json["findings"] if "br reads long" in f]
+    assert told and all("in every row" in f and "`homing: per-file`" in f for f in told)
+
+
 @pytest.mark.long_cases("backlash", "noise", "shift")
 @pytest.mark.parametrize("change", [None, "backlash", "shift", "noise"])
 @pytest.mark.slow

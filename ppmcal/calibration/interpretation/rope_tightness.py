@@ -123,13 +123,18 @@ def _told(fit: Fit, i: int, best: _LongRope, others: Sequence[_LongRope], off: B
     length = best.found.length[off] / factor
     which = f"one of {', '.join(names)}" if others else names[0]
     by = f"if {mechanism.limbs[best.limb].name}, by" if others else "by"
+    sizes = f"{by} {number(float(length.min()), 3)} to {number(float(length.max()), 3)} {unit}"
+    noise = f"with which what is left is {number(best.found.noise, 3)} times the noise"
+    if length.size == count and len(fit.problem.datasets) > 1:
+        return Note(f"{data.name}: {which} reads long in every row ({sizes}), {noise}: another "
+                    "zero than in the other files, or slack all the time? Of another zero, write "
+                    "`homing: per-file` into the sidecar; else pull every rope tight and measure "
+                    "again.", FINDING, "slack")
     return Note(
         f"{data.name}: {which} reads long in {length.size} of {count} rows "
-        f"({row_list(data.rows[best.row[off]] - 1)}; {by} {number(float(length.min()), 3)} to "
-        f"{number(float(length.max()), 3)} {unit}), with which what is left is "
-        f"{number(best.found.noise, 3)} times the noise: slack? A slack rope reads longer than its "
-        "ends are apart, and says nothing. Pull every rope tight and measure again, or leave these "
-        "rows out.", FINDING, "slack")
+        f"({row_list(data.rows[best.row[off]] - 1)}; {sizes}), {noise}: slack? A slack rope reads "
+        "longer than its ends are apart, and says nothing. Pull every rope tight and measure "
+        "again, or leave these rows out.", FINDING, "slack")
 
 
 def _long_rope(fit: Fit, limb: int, keep: Sequence[Bools], known: float) -> _LongRope | None:
