@@ -89,10 +89,8 @@ def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanis
     machine = with_effects(with_limb_entries(mechanism, file.limbs, units, source), file.effects,
                            units, source)
     if patterns is not None:    # they may name parameters of effects, too
-        told = len(findings)
-        machine = replace(machine, findings=(
-            *findings, *assemble.check_patterns(machine.parameters, drafts, patterns, source),
-            *machine.findings[told:]))
+        machine = replace(machine, findings=(*machine.findings, *assemble.check_patterns(
+            machine.parameters, drafts, patterns, source)))
     refuse_tolerances(machine)
     _remark(machine)
     return machine

@@ -22,6 +22,7 @@ from ppmcal.linalg import Array, finite_rows, solve_rows
 from ppmcal.model.dataset import Environment, unknown_environment
 from ppmcal.model.limbs.chain import cross_matrix, left_jacobian
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.model.registration import Registration
 
 ITERATIONS = 50
@@ -33,6 +34,12 @@ LACKING = "a condition that the machine's effects depend on is not given"
 def pose_vector(pose: Array) -> Array:
     """Return (N, 6) x, y, z, rotation vector of motors (N, 8)."""
     return np.concatenate([cga.translation(pose), cga.rotation_vector(pose)], axis=-1)
+
+
+def pose_words(mechanism: Mechanism, pose: Array) -> str:
+    """Return the freedoms of a full pose (6,) in words, file units: ``x 12 mm, rz 3 deg``."""
+    return ", ".join(f"{POSE_COORDINATES[c]} " + mechanism.units.words(
+        pose[c] + 0.0, "length" if c < 3 else "angle") for c in mechanism.dof)
 
 
 def pose_motor(vector: Array) -> Array:

@@ -17,10 +17,9 @@ from ppmcal.calibration.interpretation.limits import ALLOWED, TELLING
 from ppmcal.calibration.interpretation.score import Score, score
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import newton
-from ppmcal.kinematics.partial_pose import pose_vector
+from ppmcal.kinematics.partial_pose import pose_vector, pose_words
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism, joint_points
-from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.wording import number
 
 STARTS, MOST = 64, 6
@@ -45,13 +44,12 @@ def other_assembly(problem: Problem) -> tuple[Interpretation, ...]:
     if not tried:
         return ()
     noise, pose = min(tried, key=lambda t: t[0])
-    at = ", ".join(f"{POSE_COORDINATES[c]} " + mechanism.units.words(
-        pose[c] + 0.0, "length" if c < 3 else "angle") for c in mechanism.dof)
     joints = ", ".join(
         f"{name} = {number(value / factor)} {unit}".rstrip() for name, value, (factor, unit) in
         zip(mechanism.actuators, middle.tolist(), mechanism.joint_units, strict=True))
     text = ("the machine is assembled another way round than the file says: its encoders agree to "
-            f"{number(noise, 2)} times the noise where, at {joints}, the platform stands at {at}")
+            f"{number(noise, 2)} times the noise where, at {joints}, the platform stands at "
+            f"{pose_words(mechanism, pose)}")
     return (Interpretation(mechanism.source, (FileFault("assembly", ("home",), text),)),)
 
 

@@ -29,10 +29,9 @@ from ppmcal.errors import PpmcalError
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import newton
 from ppmcal.kinematics.inverse import home_state
-from ppmcal.kinematics.partial_pose import pose_vector
+from ppmcal.kinematics.partial_pose import pose_vector, pose_words
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.wording import number
 
 STEPS, STILL = 12, 1e-6
@@ -134,11 +133,11 @@ def _judged(fit: Fit) -> JointZeros | None:
     return found if found.far and alike else None
 
 
-def zeros_elsewhere(problem: Problem) -> Interpretation | None:
-    """Return that joints count from another zero, and where home is then; None if they do not."""
+def zeros_elsewhere(problem: Problem) -> tuple[Interpretation, ...]:
+    """Return that joints count from another zero, and where home is then; empty if they do not."""
     found = joint_zeros(problem)
     if found is None:
-        return None
+        return ()
     mechanism, home = problem.mechanism, found.home
     names = [f"q_{a}" for a in mechanism.actuators]
     which = found.far if home is None else list(range(len(names)))
@@ -148,15 +147,9 @@ def zeros_elsewhere(problem: Problem) -> Interpretation | None:
            f"agree to {number(found.times, 2)} times the noise and the geometry is within its "
            "tolerances")
     text = off if home is None else (
-        f"home is far off: at its joint values the platform stands at {_place(mechanism, home)}, "
-        f"not at {_place(mechanism, mechanism.home)}. So {off}")
+        f"home is far off: at its joint values the platform stands at "
+        f"{pose_words(mechanism, pose_vector(home[None])[0])}, not at "
+        f"{pose_words(mechanism, pose_vector(mechanism.home[None])[0])}. So {off}")
     kind = "zero" if home is None else "home"
-    return Interpretation(mechanism.source, (FileFault(
-        kind, tuple(names[a] for a in which), text),))
-
-
-def _place(mechanism: Mechanism, pose: Array) -> str:
-    """Return the freedoms of a pose in words."""
-    units, values = mechanism.units, pose_vector(pose[None])[0]
-    return ", ".join(f"{POSE_COORDINATES[c]} " + units.words(
-        values[c] + 0.0, "length" if c < 3 else "angle") for c in mechanism.dof)
+    return (Interpretation(mechanism.source, (FileFault(
+        kind, tuple(names[a] for a in which), text),)),)

@@ -169,8 +169,7 @@ def _refuse_contradiction(problem: Problem, data: Dataset) -> None:
     if np.mean(times > LANDS) <= MANY:
         return
     _refuse_exchanged(rows, data, float(np.median(gap)), float(np.median(times)))
-    elsewhere = zeros_elsewhere(problem)
-    _refuse(problem.mechanism, [elsewhere] if elsewhere else [])
+    _refuse(problem.mechanism, zeros_elsewhere(problem))
     _refuse_slack(rows, data, times > LANDS)
 
 

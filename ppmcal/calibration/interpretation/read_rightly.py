@@ -286,8 +286,7 @@ def refuse_columns(fit: Fit) -> None:
     Raises:
         InterpretationError: with how they are to be read.
     """
-    elsewhere = zeros_elsewhere(fit.problem)
-    _refuse([elsewhere] if elsewhere else [], fit.problem)
+    _refuse(zeros_elsewhere(fit.problem), fit.problem)
     _refuse(_misreadings(replace(fit.problem, earlier=None), left_out_whole(fit)), fit.problem)
     _refuse(other_assembly(fit.problem), fit.problem)
     refuse_exchanged(fit)

@@ -16,6 +16,7 @@ from ppmcal.calibration.fit import (
     coordinates,
     identify,
     noise,
+    opened,
     values_per_row,
     with_noise,
 )
@@ -247,8 +248,7 @@ def on_other_rows(fit: Fit, other: Sequence[Dataset]) -> tuple[Residuals, list[B
     """
     names = {d.name: s for d, s in zip(fit.problem.datasets, fit.state.registrations, strict=True)}
     fresh = [_with_known(d, names) for d in other]
-    if fresh[0].homing == "per-file":    # in a fit the first file has the machine's zeros
-        fresh[0] = replace(fresh[0], homing="alone")
+    fresh[0] = opened(fresh[0], ())    # in a fit the first file has the machine's zeros
     problem = Problem(fit.problem.mechanism.with_values(fit.state.g), tuple(fresh), ())
     state = register_only(problem).state
     return residuals(problem, state), [finite_rows(p) for p in state.poses]
