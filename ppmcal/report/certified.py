@@ -16,7 +16,7 @@ from ppmcal.io.results.certificate_content import (
     title,
 )
 from ppmcal.report.html import definitions, number_cell, paragraph, table, text_cell, typeset
-from ppmcal.report.kind import Chapter, Kind, recorded
+from ppmcal.report.kind import Kind, recorded
 from ppmcal.report.records import Held, ReportData
 from ppmcal.report.section import Section
 
@@ -53,12 +53,9 @@ def findings(one: Held[CertificateRecord], _: ReportData) -> Iterator[tuple[str,
         yield one.folder, text
 
 
-def _chapters(data: ReportData) -> Iterator[Chapter]:
-    return ((title(one.record), partial(certificate_section, one)) for one in data.certified)
-
-
 CERTIFY: Kind[Held[CertificateRecord]] = Kind(
     "certified", "certificates", "certificate", 65, (CertificateRecord.FILE,),
-    recorded(CertificateRecord), _chapters,
+    recorded(CertificateRecord),
+    lambda one, _: [(title(one.record), partial(certificate_section, one))],
     lambda one, _: {"folder": one.folder, "record": one.record.entries(whole=True)},
     lambda one: [("certify", one.record)], findings)

@@ -35,7 +35,7 @@ def collect(dirs: Sequence[Path]) -> ReportData:
         folder = Folder(path)
         for kind in KINDS:
             parts[kind.place] += tuple(kind.read(folder))
-    found = ReportData(tuple(map(str, unique)), **parts)
+    found = ReportData.of(tuple(map(str, unique)), parts)
     simulated = tuple(with_copies(s, found.identified) for s in found.simulated)
     identified = tuple(with_measured(i, simulated) for i in found.identified)
     return replace(found, simulated=simulated, identified=identified,

@@ -184,9 +184,7 @@ def _shown(one: Held[ComparisonRecord], _: ReportData) -> dict[str, Any]:
 
 COMPARE: Kind[Held[ComparisonRecord]] = Kind(
     "compared", "comparisons", "comparison", 70, ("comparison.json", "compare.csv"), _read,
-    lambda data: [(f"Comparison in {one.folder}", partial(comparison_section, one))
-                  for one in data.compared],
-    _shown,
-    lambda one: [("compare", one.record)], lambda one, _: [
+    lambda one, _: [(f"Comparison in {one.folder}", partial(comparison_section, one))],
+    _shown, lambda one: [("compare", one.record)], lambda one, _: [
         (one.folder, text) for text in (*findings(one.record), *one.record.findings)],
     lambda one, _: {"comparison": drawings(one.record)}, lambda one, _: [verdict(one.record)])

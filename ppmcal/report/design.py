@@ -129,10 +129,9 @@ def _findings(one: Designed, _: ReportData) -> list[tuple[str, str]]:
                   if p.problem and level_of(p.problem) == FINDING]
 
 
-def _chapters(data: ReportData) -> list[Chapter]:
+def _chapters(one: Designed, data: ReportData) -> list[Chapter]:
     several = len(data.designed) + len(data.identified) > 1
-    return [(f"Error analysis in {d.folder}", partial(design_section, d, several))
-            for d in data.designed]
+    return [(f"Error analysis in {one.folder}", partial(design_section, one, several))]
 
 
 def _shown(one: Designed, _: ReportData) -> dict[str, Any]:

@@ -54,7 +54,7 @@ from ppmcal.report.html import (
     table,
     text_cell,
 )
-from ppmcal.report.identified import calibrations, is_fit
+from ppmcal.report.identified import calibration, is_fit
 from ppmcal.report.kind import Chapter, Folder, Kind
 from ppmcal.report.records import Diagnosed, ReportData
 from ppmcal.report.residual_figures import coordinate_figures, residual_figures
@@ -218,11 +218,12 @@ def _read(folder: Folder) -> Iterator[Diagnosed]:
                         folder.table(NEXT_TABLE))
 
 
-def _chapters(data: ReportData) -> Iterator[Chapter]:
-    """Yield each diagnosis, with the fit behind it."""
-    for d in data.diagnosed:
-        yield f"Diagnosis in {d.folder}", partial(diagnosis_section, d)
-        yield from calibrations(data, lambda one, d=d: one.diagnosed and one.folder == d.folder)
+def _chapters(d: Diagnosed, data: ReportData) -> Iterator[Chapter]:
+    """Yield a diagnosis, with the fit behind it."""
+    yield f"Diagnosis in {d.folder}", partial(diagnosis_section, d)
+    for one in data.identified:
+        if one.diagnosed and one.folder == d.folder:
+            yield calibration(one, data)
 
 
 def _findings(d: Diagnosed, _: ReportData) -> list[tuple[str, str]]:

@@ -47,16 +47,10 @@ def _read(folder: Folder) -> Iterator[Identified]:
             diagnosed=folder.has("diagnosis.json", "effects.csv"))
 
 
-def _chapters(data: ReportData) -> Iterator[Chapter]:
-    """Yield the calibrations that stand for themselves."""
-    return calibrations(data, lambda one: not one.diagnosed)
-
-
-def calibrations(data: ReportData, wanted: Any) -> Iterator[Chapter]:
-    """Yield the chapters of those calibrations that are ``wanted``."""
-    for n, one in enumerate(data.identified):
-        if wanted(one):
-            yield f"Calibration in {one.folder}", partial(_calibration, one, n, data)
+def calibration(one: Identified, data: ReportData) -> Chapter:
+    """Return the chapter of a calibration."""
+    (n,) = (n for n, other in enumerate(data.identified) if other is one)
+    return f"Calibration in {one.folder}", partial(_calibration, one, n, data)
 
 
 def _calibration(one: Identified, n: int, data: ReportData) -> Section:
@@ -137,6 +131,7 @@ def _shown(one: Identified, _: ReportData) -> dict[str, Any]:
 
 IDENTIFY: Kind[Identified] = Kind(
     "identified", "identifications", "identification", 20,
-    ("identification.json", "parameters.csv", "residuals.csv", "identified.yaml"), _read, _chapters,
+    ("identification.json", "parameters.csv", "residuals.csv", "identified.yaml"), _read,
+    lambda one, data: [] if one.diagnosed else [calibration(one, data)],
     _shown, lambda one: [("identify", one.record)], _findings,
     lambda one, _: {"machine": machine_drawings(one), **drawings(one)}, headline)

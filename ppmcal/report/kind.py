@@ -32,13 +32,13 @@ class Kind(Generic[E]):
     """What becomes of one command's output.
 
     Attributes:
-        place: the field of :class:`ReportData` with its entries.
+        place: what :class:`ReportData` holds its entries as.
         key: that of the list in report.json.
         noun: what one of them is called.
         order: of its chapters in the page, that of the work.
         files: any of them makes a folder one of this kind.
         read: the entries of a folder.
-        chapters: of the page.
+        chapters: of the page, those of an entry.
         shown: an entry as report.json has it.
         records: of an entry the commands and what they wrote, for "Where this comes from".
         findings: what the user must look at, as (where, sentence); whatever the page warns of.
@@ -52,7 +52,7 @@ class Kind(Generic[E]):
     order: int
     files: tuple[str, ...]
     read: Callable[[Folder], Iterable[E]]
-    chapters: Callable[[ReportData], Iterable[Chapter]]
+    chapters: Callable[[E, ReportData], Iterable[Chapter]]
     shown: Callable[[E, ReportData], Mapping[str, Any]]
     records: Callable[[E], Iterable[tuple[str, Record]]]
     findings: Callable[[E, ReportData], Iterable[tuple[str, str]]] = _nothing
@@ -61,7 +61,7 @@ class Kind(Generic[E]):
 
     def of(self, data: ReportData) -> tuple[E, ...]:
         """Return the entries of a report."""
-        found: tuple[E, ...] = getattr(data, self.place)
+        found: tuple[E, ...] = getattr(data, self.place, None) or data.held.get(self.place, ())
         return found
 
 

@@ -6,12 +6,14 @@ from typing import Any
 
 from ppmcal.report.certified import CERTIFY
 from ppmcal.report.comparison import COMPARE
-from ppmcal.report.controllers import EXPORT
+from ppmcal.report.compensation import COMPENSATE
 from ppmcal.report.design import DESIGN
 from ppmcal.report.diagnosis import DIAGNOSE
+from ppmcal.report.exported import EXPORT
 from ppmcal.report.identified import IDENTIFY
 from ppmcal.report.kind import Kind
-from ppmcal.report.other import COMPENSATE, KINEMATICS, OTHER
+from ppmcal.report.kinematics import KINEMATICS
+from ppmcal.report.other import OTHER
 from ppmcal.report.simulated import SIMULATE, TRUTH
 from ppmcal.report.validation import VALIDATE
 

@@ -18,6 +18,7 @@ from ppmcal.io.results.scene import Scene, SceneEffect, SceneFrame, SceneMachine
 from ppmcal.io.results.scene_rows import POINTS, FittedRows, placed_rows, with_next, with_poses
 from ppmcal.linalg import Array
 from ppmcal.model.effects import GEOMETRY, effect_kinds
+from ppmcal.model.instruments import number_names
 from ppmcal.model.mechanism import Effect, Mechanism
 from ppmcal.notes import NOTE, Note
 from ppmcal.plotting.canvas import WIDTH, Drawing
@@ -287,7 +288,7 @@ def machine_scene(one: Identified, index: int, mechanism: Mechanism,
 def _value(one: Identified) -> str:
     """Return what the points are coloured by."""
     heads = () if one.residuals is None else one.residuals.header
-    kinds = [k for k in ("height", "distance") if f"after_{k}" in heads]
+    kinds = [k for k in number_names() if f"after_{k}" in heads]
     return " or ".join((["position error"] if "after_x" in heads else []) + [
         f"{k} error" for k in kinds]) or "position error"
 

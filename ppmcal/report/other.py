@@ -1,160 +1,30 @@
-"""Sections about compensation, kinematics, checks and simulated truth."""
+"""Results that no chapter is of: a check's, or a table without its record."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-import numpy as np
-
-from ppmcal.calibration.compensation import KINDS
 from ppmcal.io.csv import Table
-from ppmcal.io.results.commands import (
-    COMMAND_TABLE,
-    CommandsRecord,
-    accepted_sentence,
-    error_sizes,
-    predicted_errors,
-)
-from ppmcal.io.results.kinematics import (
-    KINEMATICS_TABLE,
-    KinematicsRecord,
-    modes_sentence,
-    solved_sentence,
-)
 from ppmcal.io.results.record import AnyRecord
 from ppmcal.io.results.tables import ANY_TABLE
-from ppmcal.notes import Note
-from ppmcal.plotting.canvas import Drawing
 from ppmcal.report.design_records import DESIGNS, designs_in
-from ppmcal.report.html import (
-    MAX_ROWS,
-    bullets,
-    count,
-    csv_cell,
-    figures,
-    number_cell,
-    paragraph,
-    sig,
-    table,
-    text_cell,
-    whole,
-)
+from ppmcal.report.html import bullets, count, paragraph, sig, table, text_cell
 from ppmcal.report.kind import Folder, Kind
-from ppmcal.report.kinematics_figures import kinematics_figures
-from ppmcal.report.kinematics_motion import is_shown
-from ppmcal.report.records import Other, ReportData, ResidualRows
-from ppmcal.report.residual_figures import command_figure
-from ppmcal.report.section import Section, filled
+from ppmcal.report.section import Section
 from ppmcal.report.verdict import finding_text
 
-SHOWN = 30
-"""Rows of commands.csv that are shown; the file holds them all."""
-CHAPTERS = {"path": "Path", "pose": "Pose", "joints": "Joints", "rates": "Rates",
-            "singularity": "Distance to singularity"}
 
+@dataclass(frozen=True)
+class Other:
+    """Any further output: check, a table without its record."""
 
-def compensation_section(rows: ResidualRows, lengths: Mapping[str, str]) -> Section:
-    """Return summary, first rows and refused rows of a compensation."""
-    t = rows.table
-    out = []
-    if t is None:
-        return Section("Compensation", scalars(rows.record.entries()), rows.folder)
-    good = np.ones(t.size, dtype=bool)
-    good[list(rows.flagged)] = False
-    out.append(paragraph(f"{accepted_sentence(int(good.sum()), t.size)}."))
-    sizes = {(kind, stage): error_sizes(values[good]) for kind in KINDS
-             for stage, values in predicted_errors(t, kind).items()}
-    stats = [[text_cell(f"{kind}, {stage}"), text_cell(lengths.get(KINDS[kind], "")),
-              *map(number_cell, found)] for (kind, stage), found in sizes.items() if found]
-    out.append(table("Error predicted, accepted targets; corrected: the model's own uncertainty, "
-                     "1 sigma", ["error", "unit", "mean", "rms", "max"], stats))
-    if not any(sizes[kind, "corrected"] for kind in KINDS):
-        out.append(paragraph("What corrected commands leave is unknown: the model's own "
-                             "uncertainty is not in the file.", "note"))
-    if isinstance(rows.record, CommandsRecord) and (parts := rows.record.parts_sentence()):
-        out.append(paragraph(parts))
-    out.append(figures(_of_commands(rows, lengths)))
-    return Section("Compensation", "".join(out), rows.folder,
-                   parts=filled([_commands(t, np.flatnonzero(good)), refused(rows)]))
-
-
-def _of_commands(rows: ResidualRows, lengths: Mapping[str, str]) -> list[Drawing]:
-    return [p for k, q in KINDS.items()
-            if (p := command_figure(rows, k, lengths.get(q, ""))) is not None]
-
-
-def _commands(t: Table, rows: Sequence[int] | np.ndarray[Any, Any]) -> Section:
-    """Return the first accepted rows: what was wanted, what to send, and by how much it differs."""
-    sent = [h for h in t.header if h.startswith(("q_", "cmd_")) and not h.endswith("_nominal")]
-    errors = [h for h in t.header if h in t.numbers
-              and not h.startswith(("q_", "cmd_")) and h not in ("x", "y")]
-    asked = [h for h in t.header if h in t.text or h in ("x", "y")]
-    asked = [h for h in asked if h not in ("status", "reason")]
-    heads = ["row", *asked]
-    for s in sent:
-        heads += [s, f"Δ {s}"] if f"{s}_nominal" in t.numbers else [s]
-    body = []
-    for i in rows[:SHOWN]:
-        cells = [number_cell(float(i) + 1.0, f"{i + 1}")]
-        cells += [csv_cell(t.text[h][i]) if h in t.text else number_cell(t.numbers[h][i],
-                                                                sig(float(t.numbers[h][i]), 6))
-                  for h in asked]
-        for s in sent:
-            value = float(t.numbers[s][i])
-            cells.append(number_cell(value, sig(value, 7)))
-            if f"{s}_nominal" in t.numbers:
-                cells.append(number_cell(value - float(t.numbers[f"{s}_nominal"][i])))
-        cells += [number_cell(float(t.numbers[e][i])) for e in errors]
-        body.append(cells)
-    more = (f"the first {SHOWN} of {whole(len(rows))} accepted targets; commands.csv has all digits"
-            if len(rows) > SHOWN else "rounded; commands.csv has all digits")
-    plain = [h.removeprefix("error_").replace("_", " ") if h.startswith("error_")
-             else h.replace("_", " ") for h in errors]
-    note = f"{more[:1].upper()}{more[1:]}. Δ: change against the uncorrected command."
-    return Section("Commands", paragraph(note, "note")
-                   + table("", [*heads, *plain], body, sort=True) if body else "")
-
-
-def refused(rows: ResidualRows) -> Section | None:
-    """Return the rows that were refused or have a remark."""
-    t = rows.table
-    if t is None or not rows.flagged:
-        return None
-    status, reason = t.words("status"), t.words("reason")
-    body = [[number_cell(float(i + 1), f"{i + 1}"), text_cell(status[i]),
-             text_cell(reason[i], "wrap")]
-            for i in rows.flagged[:MAX_ROWS]]
-    more = (f"the first {MAX_ROWS} of {whole(len(rows.flagged))}; {rows.kind}.csv has them all"
-            if len(rows.flagged) > MAX_ROWS else "")
-    return Section(f"{count(len(rows.flagged), 'row')} refused or with a remark",
-                   table(more, ["row", "status", "reason"], body, sort=True))
-
-
-def _of_kinematics(rows: ResidualRows) -> dict[str, list[Drawing]]:
-    record, columns = rows.record, rows.table
-    return kinematics_figures(record, columns) if (
-        isinstance(record, KinematicsRecord) and columns is not None) else {}
-
-
-def kinematics_section(rows: ResidualRows) -> Section:
-    """Return how many rows were solved, and those that were not."""
-    size = rows.table.size if rows.table is not None else 0
-    done = size - len(rows.flagged)
-    text, parts = f"{solved_sentence(done, size)}." if size else "", []
-    if isinstance(rows.record, KinematicsRecord):
-        modes = rows.record.modes
-        if modes is not None:
-            said = modes_sentence(modes, rows.record.mode_method, rows.record.all_modes)
-            text = (f"{count(sum(modes), 'pose')} in {count(len(modes), 'row')} of "
-                    f"joint values. {said} The machine's own is drawn.")
-        drawn = _of_kinematics(rows)
-        parts = [Section(CHAPTERS[name], figures(drawings), count(len(drawings), "picture"),
-                         folded=name in ("pose", "rates")) for name, drawings in drawn.items()]
-    return Section("Kinematics", paragraph(text) + scalars(rows.record.entries()), rows.folder,
-                   parts=filled([*parts, refused(rows)]))
+    folder: str
+    kind: str
+    record: AnyRecord
+    table: Table | None = None
 
 
 def other_section(other: Other) -> Section:
@@ -181,71 +51,6 @@ def scalars(record: Mapping[str, Any]) -> str:
     return table("", ["what", "value"], pairs)
 
 
-def units_of(rows: ResidualRows, data: ReportData) -> Mapping[str, str]:
-    """Return the units of errors: its JSON's, else those on which all identifications agree."""
-    units = rows.record.units
-    if units:
-        return {"length": units.get("error_position_before", ""),
-                "angle": units.get("error_rotation_before", "")}
-    found = [i.record.units for i in data.identified]
-    return asdict(found[0]) if found and all(f == found[0] for f in found) else {}
-
-
-def _findings(rows: ResidualRows, _: ReportData) -> list[tuple[str, str]]:
-    flagged, notes = len(rows.flagged), list(getattr(rows.record, "notes", ()))
-    if not flagged or rows.table is None:
-        return [(rows.folder, text) for text in notes]
-    notes.append(Note(f"{whole(flagged)} of {count(rows.table.size, 'row')} of {rows.kind}.csv "
-                      "refused or with a remark"))
-    return [(rows.folder, text) for text in notes]
-
-
-def _shown(rows: ResidualRows, _: ReportData) -> dict[str, Any]:
-    """Return the summary of commands.csv or kinematics.csv."""
-    t = rows.table
-    out: dict[str, Any] = {"folder": rows.folder, "record": rows.record.entries()}
-    if t is None:
-        return out
-    good = np.ones(t.size, dtype=bool)
-    good[list(rows.flagged)] = False
-    out["rows"], out["accepted"] = t.size, int(good.sum())
-    for name in (h for h in t.header if h.startswith(("error_", "sigma_"))):
-        if found := error_sizes(t.number(name)[good]):
-            out[name] = found._asdict()
-    status, reason = t.words("status"), t.words("reason")
-    out["flagged"] = [{"row": i + 1, "status": status[i], "reason": reason[i]}
-                      for i in rows.flagged]
-    return out
-
-
-def _commands_of(folder: Folder) -> Iterator[ResidualRows]:
-    if folder.has("commands.csv", "commands.json"):
-        yield ResidualRows(folder.name, "commands", folder.record(CommandsRecord),
-                           folder.table(COMMAND_TABLE))
-
-
-COMPENSATE: Kind[ResidualRows] = Kind(
-    "compensated", "compensations", "compensation", 40, ("commands.csv", "commands.json"),
-    _commands_of, lambda data: [
-        (f"Commands in {r.folder}", partial(
-            lambda r: compensation_section(r, units_of(r, data)), r)) for r in data.compensated],
-    _shown, lambda r: [("compensate", r.record)], _findings,
-    lambda r, data: {"commands": _of_commands(r, units_of(r, data))})
-
-
-def _kinematics_of(folder: Folder) -> Iterator[ResidualRows]:
-    if folder.has("kinematics.csv", "kinematics.json"):
-        yield ResidualRows(folder.name, "kinematics", folder.record(KinematicsRecord), folder.table(
-            KINEMATICS_TABLE, is_shown))
-
-
-KINEMATICS: Kind[ResidualRows] = Kind(
-    "kinematics", "kinematics", "kinematics", 80, ("kinematics.csv", "kinematics.json"),
-    _kinematics_of, lambda data: [(f"Kinematics in {r.folder}", partial(kinematics_section, r))
-                                  for r in data.kinematics],
-    _shown, lambda r: [("kinematics", r.record)], _findings, lambda r, _: _of_kinematics(r))
-
-
 def _others_of(folder: Folder) -> Iterator[Other]:
     """Yield output that no other kind takes: of check, or a table without its record."""
     held = {file for kind in designs_in(folder.path) for file in DESIGNS[kind].TABLES}
@@ -260,7 +65,7 @@ def _others_of(folder: Folder) -> Iterator[Other]:
 OTHER: Kind[Other] = Kind(
     "others", "others", "further output", 10,
     ("check.json", "poses.csv", "poses.json", "map.csv"), _others_of,
-    lambda data: [(f"Output in {o.folder}", partial(other_section, o)) for o in data.others],
+    lambda o, _: [(f"Output in {o.folder}", partial(other_section, o))],
     lambda o, _: {"folder": o.folder, "kind": o.kind, "record": o.record.entries(),
                   "rows": o.table.size if o.table is not None else None},
     lambda o: [(o.kind, o.record)],

@@ -22,7 +22,8 @@ MOST_LOOKED_AT = 60
 def to_html(data: ReportData) -> str:
     """Return the report as one self-contained page."""
     verdict = verdicts(data)
-    chapters = [chapter(name, make) for kind in IN_ORDER for name, make in kind.chapters(data)]
+    chapters = [chapter(name, make) for kind in IN_ORDER for one in kind.of(data)
+                for name, make in kind.chapters(one, data)]
     chapters.append(chapter("Where this comes from", lambda: _provenance(data)))
     return page(title=title(data), lead=[] if verdict else summary(data), verdicts=verdict,
                 look=_findings(data), chapters=chapters, folders=", ".join(data.folders))

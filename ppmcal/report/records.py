@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Generic, TypeAlias, TypeVar
+from dataclasses import dataclass, field, fields
+from typing import Any, Generic, TypeAlias, TypeVar
 
 from ppmcal.io.csv import Table
-from ppmcal.io.results.certificate import CertificateRecord
 from ppmcal.io.results.commands import CommandsRecord
-from ppmcal.io.results.comparison import ComparisonRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.export import ExportRecord
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.kinematics import KinematicsRecord
 from ppmcal.io.results.plan import PlanRecord
-from ppmcal.io.results.record import AnyRecord, Record
+from ppmcal.io.results.record import Record
 from ppmcal.io.results.sensitivity import SensitivityRecord
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.io.results.stiffness import StiffnessRecord
@@ -106,8 +104,8 @@ class Simulated:
 
 
 @dataclass(frozen=True)
-class ResidualRows:
-    """A table of rows that each went well or not: commands.csv or kinematics.csv."""
+class CheckedRows:
+    """Rows with a status each, whether they went well: commands.csv or kinematics.csv."""
 
     folder: str
     kind: str
@@ -149,16 +147,6 @@ class Held(Generic[R]):
 
 
 @dataclass(frozen=True)
-class Other:
-    """Any further output: check, a table without its record."""
-
-    folder: str
-    kind: str
-    record: AnyRecord
-    table: Table | None = None
-
-
-@dataclass(frozen=True)
 class Picture:
     """A PNG beside a record: its bytes and size in dots, or ``problem``: why it is not shown."""
 
@@ -189,19 +177,26 @@ class Designed:
 
 @dataclass(frozen=True)
 class ReportData:
-    """Everything that the folders held; ``use``: what may be done with the model of a folder."""
+    """Everything that the folders held; ``use``: what may be done with the model of a folder.
+
+    What other chapters ask for has a field of its own; ``held`` has the rest by ``Kind.place``.
+    """
 
     folders: tuple[str, ...]
     identified: tuple[Identified, ...] = ()
     diagnosed: tuple[Diagnosed, ...] = ()
-    compensated: tuple[ResidualRows, ...] = ()
-    kinematics: tuple[ResidualRows, ...] = ()
+    compensated: tuple[CheckedRows, ...] = ()
     simulated: tuple[Simulated, ...] = ()
-    others: tuple[Other, ...] = ()
     designed: tuple[Designed, ...] = ()
     validated: tuple[Held[ValidationRecord], ...] = ()
-    compared: tuple[Held[ComparisonRecord], ...] = ()
     exported: tuple[Held[ExportRecord], ...] = ()
-    certified: tuple[Held[CertificateRecord], ...] = ()
     comparisons: tuple[ComparedMachines, ...] = ()
+    held: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
     use: Callable[[str], str] = lambda _: ""
+
+    @classmethod
+    def of(cls, folders: tuple[str, ...], entries: Mapping[str, tuple[Any, ...]]) -> ReportData:
+        """Return what folders held, by the ``place`` of its kind."""
+        places = {f.name for f in fields(cls)}
+        own: dict[str, Any] = {k: v for k, v in entries.items() if k in places}
+        return cls(folders, held={k: v for k, v in entries.items() if k not in places}, **own)

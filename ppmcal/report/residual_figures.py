@@ -40,7 +40,7 @@ from ppmcal.plotting.layers import (
 )
 from ppmcal.plotting.plot import BOTTOM, LEFT, RIGHT, TOP, Axis, Plot, span
 from ppmcal.report.html import count, sig, whole, with_label, with_unit
-from ppmcal.report.records import MeasuredRows, ResidualRows
+from ppmcal.report.records import CheckedRows, MeasuredRows
 from ppmcal.report.rows import DataRows
 from ppmcal.report.thinning import BINS, POINTS, envelope, evenly_spread
 from ppmcal.units import Units
@@ -282,7 +282,7 @@ def _left_out(values: Array, keep: Bools, data: DataRows) -> Layer:
     return Marks(rows + 1.0, values[rows], "out", "x", points=data.points(rows))
 
 
-def command_figure(rows: ResidualRows, kind: str, unit: str) -> Drawing | None:
+def command_figure(rows: CheckedRows, kind: str, unit: str) -> Drawing | None:
     """Return the predicted error of the commands, before and after compensation."""
     table = rows.table
     if table is None or f"error_{kind}_after" not in table.numbers:

@@ -73,12 +73,11 @@ def _read(folder: Folder) -> Iterator[Simulated]:
                     conditions(file) if file.is_file() else None, digest_of(file))
 
 
-def _chapters(data: ReportData) -> Iterator[Chapter]:
-    """Yield the simulations with which nothing compares."""
-    for s in data.simulated:
-        if s.folder not in {c.truth for c in data.comparisons}:
-            yield f"Simulation in {s.folder}", partial(
-                lambda s: simulation_section(s, stray_note(s, data.identified)), s)
+def _chapters(s: Simulated, data: ReportData) -> Iterator[Chapter]:
+    """Yield the simulation if nothing compares with it."""
+    if s.folder not in {c.truth for c in data.comparisons}:
+        yield f"Simulation in {s.folder}", lambda: simulation_section(
+            s, stray_note(s, data.identified))
 
 
 def _findings(s: Simulated, _: ReportData) -> list[tuple[str, str]]:
@@ -111,7 +110,7 @@ SIMULATE: Kind[Simulated] = Kind(
     "simulated", "simulations", "simulation", 36, ("measurements.csv", "truth.json"), _read,
     _chapters, _shown, lambda s: [("simulate", s.truth)] if s.truth else [], _findings)
 TRUTH: Kind[ComparedMachines] = Kind(
-    "comparisons", "truth_against_identified", "", 35, (), lambda _: (), lambda data: [
-        (f"Truth in {c.truth}", partial(truth_section, c)) for c in data.comparisons],
+    "comparisons", "truth_against_identified", "", 35, (), lambda _: (),
+    lambda c, _: [(f"Truth in {c.truth}", partial(truth_section, c))],
     _compared, lambda _: [], lambda c, _: [(c.identified, text) for text in _of_truth(c)],
     lambda c, _: {"truth": truth_figures(c)})

@@ -121,9 +121,8 @@ def _layers(shown: Sequence[PredictedError], rms: Sequence[float], unit: str
 VALIDATE: Kind[Held[ValidationRecord]] = Kind(
     "validated", "validations", "validation", 60, (ValidationRecord.FILE,),
     recorded(ValidationRecord),
-    lambda data: [(f"Validation in {one.folder}", partial(
-        Section, "On other measurements", days(one.record.datasets), one.folder))
-                  for one in data.validated],
+    lambda one, _: [(f"Validation in {one.folder}", partial(
+        Section, "On other measurements", days(one.record.datasets), one.folder))],
     lambda one, _: {"folder": one.folder, "validation": one.record.entries()},
     lambda one: [("validate", one.record)], lambda one, _: [
         (one.folder, text) for text in (*one.record.findings, *misled(one.record.datasets))],

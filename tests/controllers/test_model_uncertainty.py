@@ -23,7 +23,7 @@ from ppmcal.io.results.export import ExportRecord
 from ppmcal.io.results.knowledge import read_knowledge
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import measured_pose
-from ppmcal.report.controllers import export_section
+from ppmcal.report.exported import export_section
 from ppmcal.report.records import Held
 
 CONFIGS = ROOT / "configs"

@@ -20,7 +20,7 @@ from ppmcal.io.results.export import ExportRecord
 from ppmcal.io.results.knowledge import read_identification, read_knowledge
 from ppmcal.linalg import Array, cholesky
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.report.controllers import export_section
+from ppmcal.report.exported import export_section
 from ppmcal.report.records import Held
 from ppmcal.wording.told import ShortTable
 

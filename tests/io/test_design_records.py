@@ -175,7 +175,7 @@ def test_errors_in_words() -> None:
 
 def test_console_and_report_say_the_same_of_an_export(tmp_path: Path) -> None:
     """One sentence on what is left, one on each thing that cannot be expressed."""
-    from ppmcal.report.controllers import export_section
+    from ppmcal.report.exported import export_section
     from ppmcal.report.records import Held
     from ppmcal.report.section import placed
 

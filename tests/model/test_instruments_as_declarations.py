@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import pickle
+import re
 from pathlib import Path
 
 import numpy as np
@@ -123,7 +124,7 @@ def test_touches_need_a_height() -> None:
 
 @pytest.mark.long
 def test_an_instrument_of_another_package(tmp_path: Path) -> None:
-    """That of the page: simulated, checked, fitted, planned for; no line here knows it."""
+    """That of the page: simulated, checked, fitted, drawn, planned for; no line here knows it."""
     site = install(tmp_path / "site", "workshop_instrument", block("Add an instrument"), {
         "ppmcal.instruments": {"gauge": "GAUGE"}})
     tree = yaml.safe_load((ROOT / "configs" / "3-RPR.yaml").read_text(encoding="utf-8"))
@@ -148,6 +149,12 @@ def test_an_instrument_of_another_package(tmp_path: Path) -> None:
         if row["name"] in truth:
             assert number(row, "error") == pytest.approx(truth[row["name"]], abs=0.01)
     assert "after_reading" in rows(tmp_path / "i" / "residuals.csv")[0]
+    run("report", "i", "--out", "r")
+    page = (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
+    assert '"reading error"' in page, "what points of the drawing are coloured by"
+    (worst, *_) = sorted((abs(number(r, "after_reading")) for r in rows(
+        tmp_path / "i" / "residuals.csv")), reverse=True)
+    assert re.search(rf'"value": ?{worst:.4g}', page), "each point has its row's error"
     told = run("plan", "m.yaml", "--instrument", "s/measurements.yaml", "--count", "8", "--out",
                "p")
     assert "dial, standard deviation reading 0.0001 mm" in " ".join(told.split())
@@ -176,4 +183,4 @@ def test_no_other_module_compares_names_of_instruments() -> None:
         # of the parts of an error: position or rotation
         ("calibration/validation/summary.py", "position"),
         ("calibration/compensation/safe_commands.py", "position"),
-        ("report/controllers.py", "position")}
+        ("report/exported.py", "position")}

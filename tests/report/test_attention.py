@@ -22,14 +22,14 @@ from ppmcal.io.results.truth import ComparedMachines, TruthRow, compared
 from ppmcal.io.results.validation import ValidationRecord
 from ppmcal.report import to_html, to_json
 from ppmcal.report.batch import batch_page
+from ppmcal.report.other import Other
 from ppmcal.report.records import (
+    CheckedRows,
     Designed,
     Diagnosed,
     Held,
     Identified,
-    Other,
     ReportData,
-    ResidualRows,
     Simulated,
 )
 from ppmcal.report.truth import compare
@@ -92,8 +92,10 @@ WARNINGS: dict[str, Callable[[], dict[str, Any]]] = {
        for verdict in ("weak", "named-set", "partial", "unnamed", "misread", "new-verdict")},
     "unconfirmed": lambda: {"diagnosed": (diagnosis(effects=[EFFECT], confirmed=False),)},
     "day": lambda: {"diagnosed": (diagnosis(validation=[{"name": "s", "errors": ERRORS}]),)},
-    "commands": lambda: {"compensated": (ResidualRows(
+    "commands": lambda: {"compensated": (CheckedRows(
         "c", "commands", CommandsRecord(notes=("uncertainties are unknown",)), None),)},
+    "lifted": lambda: {"compensated": (CheckedRows(
+        "c", "commands", CommandsRecord(findings=("3 rows commanded though refused",)), None),)},
     "check": lambda: {"others": (Other("c", "check", AnyRecord(findings=("odd",))),)},
     "validation": lambda: {"validated": (Held("v", ValidationRecord.checked(
         {"datasets": [{"name": "s", "errors": ERRORS}]})),)},
@@ -115,7 +117,7 @@ WARNINGS: dict[str, Callable[[], dict[str, Any]]] = {
 
 @pytest.mark.parametrize("name", WARNINGS)
 def test_a_warning_and_the_calm_sentence_never_stand_together(name: str) -> None:
-    data = ReportData(("x",), **WARNINGS[name]())
+    data = ReportData.of(("x",), WARNINGS[name]())
     assert to_json(data)["attention"], name
     assert CALM not in to_html(data)
 

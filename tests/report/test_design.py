@@ -22,6 +22,7 @@ from ppmcal.report import collect, to_html, to_json
 from ppmcal.report.design import SHOWN
 from ppmcal.report.design_records import DESIGNS, LARGEST_FILE, MOST, png_size
 from ppmcal.report.kinds import KNOWN
+from ppmcal.report.other import OTHER
 
 TABLES = {"sensitivity": "sensitivity.csv", "tolerances": "tolerances.csv",
           "stiffness": "map.csv", "workspace": "map.csv", "plan": "poses.csv"}
@@ -70,7 +71,7 @@ def test_each_command_has_its_section(tmp_path: Path, kind: str) -> None:
     folder = write(tmp_path / "out", kind)
     data = collect([folder])
     assert len(data.designed) == 1
-    assert not data.others
+    assert not OTHER.of(data)
     html = to_html(data)
     page = read(html)
     text = "".join(page.text)
@@ -111,7 +112,7 @@ def test_all_commands_in_one_folder_and_each_in_its_own(tmp_path: Path) -> None:
     together = collect([tmp_path / "one"])
     apart = collect([tmp_path / kind for kind in DESIGNS])
     assert [d.kind for d in together.designed] == [d.kind for d in apart.designed] == [*DESIGNS]
-    assert not together.others and not apart.others
+    assert not OTHER.of(together) and not OTHER.of(apart)
     read(to_html(together))
 
 
@@ -121,8 +122,8 @@ def test_all_commands_in_one_folder_and_each_in_its_own(tmp_path: Path) -> None:
 def test_one_file_alone_is_recognised_once(tmp_path: Path, file: str, kind: str) -> None:
     (tmp_path / file).write_text("{}" if file.endswith("json") else "x,y\n1,2\n")
     data = collect([tmp_path])
-    assert [o.kind for o in data.others] == ([kind] if kind else [])
-    assert len(data.others) + len(data.designed) == 1
+    assert [o.kind for o in OTHER.of(data)] == ([kind] if kind else [])
+    assert len(OTHER.of(data)) + len(data.designed) == 1
     read(to_html(data))
 
 

@@ -24,7 +24,7 @@ from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_wording import combination, noise_verdict
 from ppmcal.plotting.style import AFTER, BEFORE, OUT, SOFT
 from ppmcal.report import collect, to_html, to_json
-from ppmcal.report.comparison import differences
+from ppmcal.report.comparison import COMPARE, differences
 from ppmcal.report.html import sig, to_sigma, typeset
 
 LATER = {"identification.json": ("identifiability", "gross_errors", "flats"),
@@ -110,7 +110,7 @@ def test_comparison(folders: Path) -> None:
 def test_picture_of_differences(folders: Path) -> None:
     """One bar a parameter, largest first, changed ones with a mark and a bold name."""
     found = record(folders / "cmp", "comparison.json")["parameters"]
-    root = parsed(svg_of(differences(collect([folders / "cmp"]).compared[0].record.parameters)))
+    root = parsed(svg_of(differences(COMPARE.of(collect([folders / "cmp"]))[0].record.parameters)))
     by_size = sorted(found, key=lambda p: -abs(p["difference"] / p["sigma"]))
     names = [t for t in texts(root) if any(p["name"].startswith(t.rstrip("…")) for p in found)]
     assert [n.removesuffix("…") for n in names] == [

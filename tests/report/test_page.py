@@ -7,7 +7,8 @@ import hashlib
 import json
 import re
 import warnings
-from dataclasses import fields, replace
+from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -25,12 +26,16 @@ from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import ParameterEstimate
 from ppmcal.io.results.identification_tables import RESIDUAL_TABLE
 from ppmcal.io.results.identification_wording import combination, noise_verdict
+from ppmcal.io.results.record import AnyRecord
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.plotting.plot import Axis, span
 from ppmcal.report import collect, to_html, to_json
 from ppmcal.report.html import NBSP, probability, sig, to_sigma, typeset
+from ppmcal.report.kind import Kind
 from ppmcal.report.kinds import KINDS, KNOWN
-from ppmcal.report.records import Identified, ReportData, Simulated
+from ppmcal.report.other import OTHER
+from ppmcal.report.records import Held, Identified, Simulated
+from ppmcal.report.section import Section
 from ppmcal.report.thinning import envelope, evenly_spread
 from ppmcal.report.truth import compare
 from ppmcal.store.provenance import Provenance
@@ -186,7 +191,7 @@ def test_columns_of_the_targets_may_have_any_name(tmp_path: Path) -> None:
     page = read(to_html(collect([folder])))
     assert {"A1", "b"} <= set(page.text)
     (folder / "commands.csv").rename(folder / "poses.csv")
-    assert collect([folder]).others[0].table is not None
+    assert OTHER.of(collect([folder]))[0].table is not None
 
 
 def test_page_says_it_all_with_units(everything: list[Path]) -> None:
@@ -514,5 +519,26 @@ def test_what_makes_the_page_names_no_command(module: str) -> None:
 
 def test_every_kind_of_output_is_told_apart_by_its_files_and_has_a_place() -> None:
     assert len({kind.place for kind in KINDS}) == len({kind.key for kind in KINDS}) == len(KINDS)
-    assert {kind.place for kind in KINDS} <= {f.name for f in fields(ReportData)}
+    assert {kind.place for kind in KINDS}.isdisjoint({"folders", "held", "use"})
     assert len({kind.order for kind in KINDS}) == len(KINDS)
+
+
+def test_a_chapter_is_a_declaration_and_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+                                               ) -> None:
+    """Of a file that no version has written: a chapter, a look, a list in the JSON."""
+    walks: Kind[Held[AnyRecord]] = Kind(
+        "walked", "walks", "walk", 55, ("walk.json",),
+        lambda folder: [Held(folder.name, AnyRecord(findings=("muddy",)))],
+        lambda one, _: [("A walk", lambda: Section("A walk", "<p>in the hills</p>"))],
+        lambda one, _: {"folder": one.folder}, lambda _: [],
+        lambda one, _: [(one.folder, text) for text in one.record.findings or ()])
+    (tmp_path / "walk.json").write_text("{}")
+    reader, page = (import_module(f"ppmcal.report.{name}") for name in ("collect", "page"))
+    for module, name, value in ((reader, "KINDS", (*KINDS, walks)), (reader, "KNOWN", walks.files),
+                                (page, "KINDS", (*KINDS, walks)), (page, "IN_ORDER", (walks,))):
+        monkeypatch.setattr(module, name, value)
+    data = collect([tmp_path])
+    assert "in the hills" in to_html(data)
+    told = to_json(data)
+    assert told["walks"] == [{"folder": str(tmp_path)}]
+    assert told["attention"] == [{"where": str(tmp_path), "what": "muddy"}]

@@ -21,7 +21,7 @@ from ppmcal.io.results.validation import ValidationRecord
 from ppmcal.report import to_html
 from ppmcal.report.diagnosis_tables import ladder
 from ppmcal.report.page import summary
-from ppmcal.report.records import Diagnosed, Held, Identified, ReportData, ResidualRows
+from ppmcal.report.records import CheckedRows, Diagnosed, Held, Identified, ReportData
 from ppmcal.report.section import Section, placed
 from ppmcal.report.verdict import MOST, verdicts
 from ppmcal.store.provenance import Provenance
@@ -193,7 +193,7 @@ def test_the_headline_is_of_what_no_fit_has_seen_where_that_is_known():
     errors = [{"model": "model", "position": {"rms": 0.03, "unit": "mm"}}]
     day = Held("v", ValidationRecord.checked(model | {"datasets": [
         {"name": "run2", "errors": errors}]}))
-    sent = ResidualRows("c", "commands", CommandsRecord.checked(model | {
+    sent = CheckedRows("c", "commands", CommandsRecord.checked(model | {
         "rows": 4, "predicted": {"position": {"after": 0.02, "unit": "mm"}}}), None)
     other = replace(sent, record=sent.record.changed(provenance=Provenance(inputs={"m.yaml": "x"})))
     for more, words in (

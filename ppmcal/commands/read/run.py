@@ -35,7 +35,7 @@ from ppmcal.io.sidecar import FORMAT, SidecarFile, located, sidecar_path
 from ppmcal.io.yaml import dump_yaml, read_yaml
 from ppmcal.linalg import Ints
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.instruments import InstrumentKind
+from ppmcal.model.instruments import InstrumentKind, number_names
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import Note
 from ppmcal.store.inputs import own_input
@@ -320,7 +320,7 @@ def _in_unit(points: ForeignTable, unit: str) -> ForeignTable:
 def _unsaid(table: Table, mechanism: Mechanism) -> tuple[dict[str, Any], list[Note]]:
     """Return the sidecar of a table that has none, and what the user must add to it."""
     own = mechanism.units
-    if "x" not in table.header and ({"height", "distance"} & set(table.header)):
+    if "x" not in table.header and set(number_names()) & set(table.header):
         raise BadInput("heights and distances need a sidecar", table.source,
                        "Write one (README, The measurements) and give it with --sidecar")
     turning = mechanism.motion.turns and any(c in table.header for c in TURNED)

@@ -18,7 +18,7 @@ MOST = 0.5
 """An effect is the design's where more than this share of all machines have it."""
 
 
-KINDS = ("position", "closure", "height", "distance", "rotation")
+KINDS = ("position", "closure", "rotation")
 """Kinds of error by which machines are ranked: the first that they have."""
 APART = 3.0
 """Sizes differ from so many standard deviations of the difference on."""

@@ -23,8 +23,9 @@ from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.kinematics.tables import with_joints
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.instruments import InstrumentKind, number_names
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.model.motions import POSE_COORDINATES
+from ppmcal.model.motions import POSE_COORDINATES, Motion
 from ppmcal.model.registration import Registration
 from ppmcal.notes import NOTE, Note
 from ppmcal.store.inputs import digest_of
@@ -111,7 +112,7 @@ def _chosen(table: Table, most: int) -> tuple[Ints, tuple[Note, ...]]:
     if table.size <= most:
         return np.arange(table.size), ()
     part = min(WORST, most // 4)
-    size = np.nan_to_num(norm(_residual(table, np.arange(table.size), "after").T), nan=-1.0)
+    size = np.nan_to_num(_size(table, np.arange(table.size), "after"), nan=-1.0)
     keep = used(table)
     worst = np.argsort(np.where(keep, -size, 1.0), kind="stable")[:part]
     out = np.flatnonzero(~keep)
@@ -174,8 +175,9 @@ def _of_dataset(table: Table, rows: Ints, data: Dataset, entry: FittedDataset,
     along = None
     if data.kind.along_line:
         along = _lines(model, data, at, pose, after, point)
-    errors = [_in_base(table, rows, stage, registration, along) for stage, registration in
-              zip(STAGES, (before, after), strict=True)]
+    errors = [_in_base(_vectors(table, rows, stage, data.kind, plain.motion), registration)
+              if along is None else table.number(f"{stage}_{data.kind.number}")[rows, None] * along
+              for stage, registration in zip(STAGES, (before, after), strict=True)]
     notes: tuple[Note, ...] = ()
     if lost:
         notes = (Note(f"{pluralize(lost, 'row')} of {entry.name} {'has' if lost == 1 else 'have'} "
@@ -191,7 +193,7 @@ def _points(table: Table, rows: Ints, plain: Mechanism, owner: tuple[str, int], 
     """Return the points, file units; ``errors``: before and after (R, 3), base axes."""
     f, (name, index) = plain.units.factor("length"), owner
     keep, reasons = used(table)[rows], table.words("reason")
-    values = [norm(_residual(table, rows, s).T) for s in STAGES]
+    values = [_size(table, rows, s) for s in STAGES]
     turns = [norm(_residual(table, rows, s, POSE_COORDINATES[3:]).T) for s in STAGES]
     numbers = table.number("row")[rows].astype(int).tolist()
     return tuple(MeasuredPose(
@@ -208,15 +210,24 @@ def _poses(model: Model, q: Array) -> Array:
     return np.concatenate(parts) if parts else np.zeros((0, 8))
 
 
-def _in_base(table: Table, rows: Ints, stage: str, registration: Registration,
-             along: Array | None) -> Array:
-    """Return residuals as vectors in base axes (R, 3), file units; nan where nothing is known."""
-    if along is not None:
-        value = table.number(f"{stage}_distance")[rows]
-        return np.asarray(value[:, None] * along)
-    vector = _residual(table, rows, stage, ("x", "y", "z"))
-    height = table.number(f"{stage}_height")[rows]
-    vector[:, 2] = np.where(np.isfinite(height), height, vector[:, 2])
+def _size(table: Table, rows: Ints, stage: str) -> Array:
+    """Return how large the error of each row's point or number is (R,), file units."""
+    return norm(_residual(table, rows, stage, (*POSE_COORDINATES[:3], *number_names())).T)
+
+
+def _vectors(table: Table, rows: Ints, stage: str, kind: InstrumentKind, motion: Motion) -> Array:
+    """Return residuals in the measuring frame's axes (R, 3), nan where not measured.
+
+    A number of a point, such as a height, is its coordinate that the kind shows.
+    """
+    vector = _residual(table, rows, stage)
+    if kind.scalar and kind.of_poses:
+        vector[:, kind.coordinates(motion)[0]] = table.number(f"{stage}_{kind.number}")[rows]
+    return vector
+
+
+def _in_base(vector: Array, registration: Registration) -> Array:
+    """Return vectors in base axes (R, 3), file units; nan where nothing is known."""
     seen = np.isfinite(vector)
     turned = np.where(seen, vector, 0.0) @ cga.rotation_matrix(registration.frame)
     return np.where(np.any(seen, axis=1)[:, None], turned, np.nan)
@@ -235,7 +246,7 @@ def _lines(model: Model, data: Dataset, at: Ints, pose: Array, registration: Reg
 
 
 def _residual(table: Table, rows: Ints, stage: str,
-              columns: Sequence[str] = ("x", "y", "z", "height", "distance")) -> Array:
+              columns: Sequence[str] = POSE_COORDINATES[:3]) -> Array:
     """Return residuals (R, c), file units, nan where not measured."""
     return np.stack([table.number(f"{stage}_{c}")[rows] for c in columns], axis=1)
 

@@ -172,8 +172,8 @@ def fixed(value: Any, decimals: int = 4, plus: bool = False) -> str:
 
 EXPORT: Kind[Held[ExportRecord]] = Kind(
     "exported", "exports", "export", 50, (ExportRecord.FILE,), recorded(ExportRecord),
-    lambda data: [(f"Export in {one.folder}", partial(export_section, one, led=_led(one, data)))
-                  for one in data.exported],
+    lambda one, data: [
+        (f"Export in {one.folder}", partial(export_section, one, led=_led(one, data)))],
     lambda one, _: {"folder": one.folder, "export": one.record.entries()},
     lambda one: [("export", one.record)],
     lambda one, _: [(one.folder, text) for text in one.record.all_findings()],
