@@ -7,7 +7,7 @@ MINUTES ?= 10
 TESTS ?= not slow
 SEEDS ?= 943 944 945 946
 
-.PHONY: demo test test-all lint bench fuzz torture mutants wheel oldest supply rates schemas docs docs-output \
+.PHONY: demo test test-all lint bench fuzz torture mutants wheel oldest supply rates generated docs docs-output \
         screenshots strangers-path clean
 
 $(VENV)/.run: pyproject.toml
@@ -44,8 +44,9 @@ lint: $(VENV)/.test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-schemas: $(VENV)/.run
+generated: $(VENV)/.run
 	@for name in mechanism dataset scenario batch about; do $(BIN)/ppmcal schema $$name > ppmcal/io/schemas/$$name.json; done
+	@cd docs && $(abspath $(BIN))/python -m generators.stub
 
 docs: $(VENV)/.docs
 	@$(BIN)/python docs/generate.py build/docs

@@ -25,44 +25,13 @@ _HOME = {"BadInput": "errors", "NoResult": "errors", "PpmcalError": "errors",
          "load": "commands.inputs", "read_data": "commands.inputs", "shipped": "commands.inputs"}
 """Where names are that are of no command."""
 
-__all__ = [
-    "BadInput",
-    "NoResult",
-    "PpmcalError",
-    "batch",
-    "certify",
-    "check",
-    "compare",
-    "compensate",
-    "diagnose",
-    "export",
-    "forward",
-    "identify",
-    "import_config",
-    "inverse",
-    "load",
-    "make_figures",
-    "make_report",
-    "plan",
-    "read",
-    "read_data",
-    "schema",
-    "sensitivity",
-    "shipped",
-    "simulate",
-    "stiffness",
-    "tolerances",
-    "validate",
-    "velocity",
-    "verify",
-    "workspace",
-]
-
 
 def __getattr__(name: str) -> "Any":
     """Load the module that holds ``name`` on first use."""
     import importlib
 
+    if name == "__all__":
+        return sorted([*_HOME, *importlib.import_module(f"{__name__}.commands").functions()])
     if name in _HOME:
         return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
     if name.startswith("_") or name not in importlib.import_module(
@@ -73,4 +42,4 @@ def __getattr__(name: str) -> "Any":
 
 def __dir__() -> list[str]:
     """Return the public names."""
-    return [*__all__, "__version__"]
+    return [*__getattr__("__all__"), "__version__"]

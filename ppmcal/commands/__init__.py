@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 @cache
 def names() -> tuple[str, ...]:
     """Return the names of all commands, in the order of the work."""
-    return tuple(sorted(_folders(), key=lambda name: int(_module(name).ORDER)))
+    return tuple(sorted(_folders(), key=lambda name: (int(_module(name).ORDER), name)))
 
 
 def line(name: str) -> str:

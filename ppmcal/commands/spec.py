@@ -262,6 +262,8 @@ class Command:
         examples: lines to copy, which the tests run.
         result: the class of what it returns, in its module ``run``; empty where no function of
             Python is the command.
+        record: what ``ppmcal schema`` calls the JSON file that it writes, and the record that writes
+            and reads it, as ``module:class``.
         python: the name of that function, where it is another one; it is recorded.
         faces: Python functions that it has  [default: the one].
         raises: of the Python function.
@@ -280,6 +282,7 @@ class Command:
     about: tuple[str | Callable[[], str], ...]
     examples: tuple[str, ...]
     result: str = ""
+    record: tuple[str, str] | tuple[()] = ()
     python: str = ""
     faces: tuple[Face, ...] = ()
     raises: str = "BadInput: anything wrong in the files or options."

@@ -132,7 +132,7 @@ def test_a_number_with_a_unit_is_refused(call):
 def test_type_checkers_see_what_there_is():
     assert (Path(ppmcal.__file__).parent / "py.typed").is_file()
     assert stub.TARGET.read_text(encoding="utf-8") == stub.stub(), (
-        "in docs: python -m generators.stub")
+        "run `make generated`")
 
 
 def test_the_names_are_those_of_the_commands():

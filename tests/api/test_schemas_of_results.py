@@ -7,7 +7,7 @@ from importlib import import_module
 
 import ppmcal.io.results as results
 from ppmcal import schema
-from ppmcal.commands.schema.run import RESULTS
+from ppmcal.commands.schema.run import results as records
 from ppmcal.io.results.record import Record
 
 
@@ -22,8 +22,9 @@ def written() -> dict[str, list[str]]:
 
 
 def test_every_format_has_a_schema():
-    known = set(RESULTS.values())
+    known = {path.removeprefix(f"{results.__name__}.").replace(":", ".")
+             for path in records().values()}
     own = {f: [n for n in names if n in known] for f, names in written().items()}
     assert not [f for f, names in own.items() if len(names) != 1]
-    for name in RESULTS:
+    for name in records():
         assert schema(name)["properties"]["format"]

@@ -5,11 +5,14 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 from helpers.commands import environment
 from helpers.paths import ROOT
+
+from ppmcal import commands
 
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 CODE = """
@@ -37,7 +40,7 @@ found = ppmcal.home("m.yaml", digits=3)
 same = typed("verify", "home")
 print(json.dumps({"listed": listed, "own": own, "told": told, "asked": asked["joints"],
                   "recorded": asked["provenance"]["function"], "doc": ppmcal.home.__doc__,
-                  "options": asked["provenance"]["options"], "found": found.joints, "same": same,
+                  "named": ppmcal.__all__, "options": asked["provenance"]["options"], "found": found.joints, "same": same,
                   "commands": command_page(), "python": api_page(), "stub": stub()}))
 """
 
@@ -51,6 +54,11 @@ def command_of_the_page(folder: Path) -> Path:
     for name, code in blocks:
         (folder / name).write_text(code, encoding="utf-8")
     return folder
+
+
+def test_every_command_has_a_place_of_its_own_in_the_list() -> None:
+    places = [import_module(f"ppmcal.commands.{commands.folder(n)}").ORDER for n in commands.names()]
+    assert sorted(set(places)) == places
 
 
 @pytest.mark.long
@@ -75,4 +83,5 @@ def test_a_folder_is_a_command_in_every_way_to_call_it(tmp_path: Path) -> None:
     assert "same" in got["same"] and "home.csv" in got["same"]
     for page, words in (("commands", "`--digits INTEGER RANGE`"), ("python", "### HomeResult")):
         assert re.search(r"^##+ home$", got[page], re.M) and words in got[page], page
+    assert "home" in got["named"]
     assert "def home(mechanism: Machine, *, digits: int = ...," in got["stub"]

@@ -38,5 +38,6 @@ COMMAND = Command(
            "not run again. Writes campaigns.parquet, a table of all results, and batch.html: which "
            "machines are worst, what they have in common, and what has changed since last time."),
     examples=("ppmcal batch fleet.yaml --cores 2",), out="batch", result="BatchResult",
+    record=("campaign", "ppmcal.io.results.batch:CampaignRecord"),
     raises="BadInput: anything wrong in the manifest, or no such scheduler. NoResult: the workers "
            "were lost, or write to folders that are not seen here.")

@@ -32,6 +32,7 @@ COMMAND = Command(
            "(a Digital Calibration Certificate) and certificate.json."),
     examples=("ppmcal certify identified run2.csv --about about.yaml",), out="certificate",
     result="CertificateResult",
+    record=("certificate", "ppmcal.io.results.certificate:CertificateRecord"),
     raises="BadInput: anything wrong in the files, results that do not come out again, or a "
            "calibration that cannot be certified.",
     shares={"making the results again": 10.0, "judging the rows": 2.0,

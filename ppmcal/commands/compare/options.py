@@ -28,4 +28,5 @@ COMMAND = Command(
            "comparison.json."),
     examples=("ppmcal compare identified identified-may",), out="compared",
     result="ComparisonResult",
+    record=("comparison", "ppmcal.io.results.comparison:ComparisonRecord"),
     raises="BadInput: anything wrong in the files, or another machine.")

@@ -99,6 +99,7 @@ COMMAND = Command(
            "which has them so."),
     examples=("ppmcal compensate identified targets.csv --frame base",), out="compensated",
     replace="--overwrite", result="CompensationResult",
+    record=("commands", "ppmcal.io.results.commands:CommandsRecord"),
     raises="BadInput: anything wrong in the files, or a frame that the model does not know. "
            "NoResult: commands that are predicted to be worse than none, a model whose fit had not "
            "converged or whose residuals are far beyond the noise of its own measurements, or a "

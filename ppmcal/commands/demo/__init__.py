@@ -1,3 +1,3 @@
 """Run the whole job once on the sample data."""
 
-ORDER = 23
+ORDER = 24

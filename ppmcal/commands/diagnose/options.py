@@ -62,6 +62,7 @@ COMMAND = Command(
            "partly named disagreement is learned as smooth functions, if poses left out of the "
            "fits confirm them: terms.svg."),
     examples=("ppmcal diagnose mine.yaml run2.csv",), out="diagnosed", result="DiagnosisResult",
+    record=("diagnosis", "ppmcal.io.results.diagnosis:DiagnosisRecord"),
     raises="BadInput: anything wrong in the files, or a kind that there is not. NoResult: "
            "measurements that do not fit the machine at all, or no convergence.",
     shares={"reading the measurements": 0.05,

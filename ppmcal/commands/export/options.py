@@ -57,6 +57,7 @@ COMMAND = Command(
            "controller's file and export.json."),
     examples=examples("export"),
     out="exported", replace="--overwrite", result="ExportResult",
+    record=("export", "ppmcal.io.results.export:ExportRecord"),
     raises="BadInput: a machine that this controller does not drive, or an option without use. "
            "NoResult: the file does not read back as what it was written from, or it is not safe "
            "to use it.",

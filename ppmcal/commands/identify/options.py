@@ -79,6 +79,7 @@ COMMAND = Command(
               "ppmcal identify mine.yaml run1.csv run2.csv --leave-out session",
               "ppmcal identify mine.yaml run2.csv --start identified --keep --out kept"),
     out="identified", result="IdentificationResult",
+    record=("identification", "ppmcal.io.results.identification:IdentificationRecord"),
     raises="BadInput: anything wrong in the files, or options that do not go together. NoResult: "
            "measurements that do not fit the machine at all, or no convergence.",
     shares={"reading the measurements": 0.4,

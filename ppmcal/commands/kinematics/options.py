@@ -72,6 +72,7 @@ COMMAND = Command(
               "ppmcal kinematics forward mine.yaml joints.csv --all",
               "ppmcal kinematics inverse mine.yaml poses.csv --pictures"),
     out="kinematics", result="KinematicsResult",
+    record=("kinematics", "ppmcal.io.results.kinematics:KinematicsRecord"),
     raises="BadInput: anything wrong in the table, or options that do not go together.",
     faces=(
         Face("inverse", ("Return the joint values of platform poses.",), {"which": "inverse"},

@@ -48,6 +48,7 @@ COMMAND = Command(
            "accuracy.png."),
     examples=("ppmcal plan mine.yaml --count 15",), out="plan",
     result="PlanResult",
+    record=("plan", "ppmcal.io.results.plan:PlanRecord"),
     raises="BadInput: anything wrong in the files or options. NoResult: no pose can be reached.",
     shares={"drawing candidates": 0.9, "information of each candidate": 0.2, "choosing": 2.6,
             "writing the results": 0.6})

@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from ppmcal import codec
+from ppmcal import codec, commands
 from ppmcal.commands.batch.schema import manifest_schema
 from ppmcal.commands.certify.about import about_schema
 from ppmcal.commands.schema.options import SchemaArguments
@@ -17,22 +17,17 @@ from ppmcal.io.results.record import Record
 OWN = {"batch": manifest_schema, "about": about_schema}
 FILES = (*json_schema.FILES, *OWN)
 """Files that a user writes."""
-RESULTS = {"identification": "identification.IdentificationRecord",
-           "diagnosis": "diagnosis.DiagnosisRecord", "comparison": "comparison.ComparisonRecord",
-           "commands": "commands.CommandsRecord", "kinematics": "kinematics.KinematicsRecord",
-           "truth": "simulation.TruthRecord", "sensitivity": "sensitivity.SensitivityRecord",
-           "tolerances": "tolerances.TolerancesRecord",
-           "stiffness": "stiffness.StiffnessRecord", "workspace": "workspace.WorkspaceRecord",
-           "plan": "plan.PlanRecord", "export": "export.ExportRecord",
-           "validation": "validation.ValidationRecord", "campaign": "batch.CampaignRecord",
-           "verification": "verification.VerificationRecord",
-           "certificate": "certificate.CertificateRecord"}
-"""Results by name, and the records that write and read them."""
+
+
+def results() -> dict[str, str]:
+    """Return name -> ``module:class`` of the records that commands write."""
+    made = (commands.command(name).record for name in commands.names())
+    return dict(one for one in made if one)
 
 
 def known() -> list[str]:
     """Return the names of all files that have a schema."""
-    return [*FILES, *RESULTS]
+    return [*FILES, *results()]
 
 
 def file_schema(name: str) -> dict[str, Any]:
@@ -49,8 +44,8 @@ def run(asked: SchemaArguments) -> dict[str, Any]:
     name = asked.name
     if name in FILES:
         return file_schema(name)
-    if name not in RESULTS:
+    if name not in (records := results()):
         raise unknown("file", name, known())
-    module, _, found = RESULTS[name].partition(".")
-    record: type[Record] = getattr(import_module(f"ppmcal.io.results.{module}"), found)
+    module, _, found = records[name].partition(":")
+    record: type[Record] = getattr(import_module(module), found)
     return {"$schema": DIALECT, **codec.schema(record)}

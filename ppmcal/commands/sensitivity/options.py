@@ -51,5 +51,6 @@ COMMAND = Command(
            "sensitivity.json."),
     examples=("ppmcal sensitivity mine.yaml --home-only",), out="sensitivity",
     result="SensitivityResult",
+    record=("sensitivity", "ppmcal.io.results.sensitivity:SensitivityRecord"),
     raises="BadInput: anything wrong in the files or options. NoResult: home is singular.",
     shares={"what each error does": 0.3, "writing the results": 1.9})

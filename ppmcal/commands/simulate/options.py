@@ -25,5 +25,6 @@ COMMAND = Command(
            "Writes measurements.csv, measurements.yaml and truth.json."),
     examples=("ppmcal simulate mine.yaml mine.scenario.yaml --seed 7",), out="simulated",
     result="SimulationResult",
+    record=("truth", "ppmcal.io.results.simulation:TruthRecord"),
     raises="BadInput: anything wrong in the files. NoResult: no pose can be reached.",
     shares={"simulating": 5.5, "writing the results": 1.2})

@@ -32,5 +32,6 @@ COMMAND = Command(
            "pictures of the map."),
     examples=("ppmcal stiffness mine.yaml --load fz=-100",), out="stiffness",
     result="StiffnessResult",
+    record=("stiffness", "ppmcal.io.results.stiffness:StiffnessRecord"),
     raises="BadInput: anything wrong in the files or options; a machine without springs.",
     shares={"mapping the stiffness": 0.1, "writing the results": 1.5})

@@ -56,4 +56,5 @@ COMMAND = Command(
            "tolerances), yield.png and tolerances.json."),
     examples=("ppmcal tolerances mine.yaml --accuracy 0.2 --machines 50",), out="tolerances",
     result="TolerancesResult",
+    record=("tolerances", "ppmcal.io.results.tolerances:TolerancesRecord"),
     shares={"allocating tolerances": 0.6, "simulating": 2.6, "writing the results": 0.4})

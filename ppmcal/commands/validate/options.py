@@ -51,6 +51,7 @@ COMMAND = Command(
            "the picture validation.svg."),
     examples=("ppmcal validate identified run2.csv --against identified-may",), out="validated",
     result="ValidationResult",
+    record=("validation", "ppmcal.io.results.validation:ValidationRecord"),
     raises="BadInput: anything wrong in the files, another machine, or rows that it cannot "
            "predict.",
     shares={"reading the measurements": 0.01, "looking at the noise": 2.2,

@@ -28,5 +28,7 @@ COMMAND = Command(
            "same, or in other words, 1 something differs, 2 an input is missing or has changed, or "
            "a later version wrote keys that this one does not know, 3 the run itself fails."),
     examples=("ppmcal verify identified", "ppmcal verify identified --inputs archive"),
-    result="VerificationResult", recorded=False,
+    result="VerificationResult",
+    record=("verification", "ppmcal.io.results.verification:VerificationRecord"),
+    recorded=False,
     raises="BadInput: a folder is not there, or holds no results.")

@@ -25,5 +25,6 @@ COMMAND = Command(
            "modes.csv, workspace.json and a picture of each map."),
     examples=("ppmcal workspace mine.yaml",), out="workspace",
     result="WorkspaceResult",
+    record=("workspace", "ppmcal.io.results.workspace:WorkspaceRecord"),
     raises="BadInput: anything wrong in the files or options. NoResult: home is singular.",
     shares={"mapping the workspace": 0.2, "assembly modes": 4.2, "writing the results": 1.0})
