@@ -19,7 +19,7 @@ from ppmcal.io.campaign import datasets_in, joined
 from ppmcal.io.dataset_reader import may_be_words, read_files
 from ppmcal.io.frames import as_table, is_path
 from ppmcal.io.header import ReadFile
-from ppmcal.io.results.knowledge import read_basis
+from ppmcal.io.results.knowledge import KNOWLEDGE, read_basis
 from ppmcal.io.sidecar import read_sidecar, sidecar_of, sidecar_path
 from ppmcal.io.tables import read_table
 from ppmcal.io.templates import find_template
@@ -351,7 +351,7 @@ def _basis(mechanism: Mechanism, knowledge: Path | None) -> MeasurementBasis:
     if own is not None and own.converged is not None:
         return own
     source = Path(mechanism.source)
-    path = knowledge or source.with_name("identification.json")
+    path = knowledge or source.with_name(KNOWLEDGE)
     if not path.is_file() or (knowledge is None and source.name not in MODELS):
         return own or MeasurementBasis()
     beside = read_basis(path)

@@ -262,8 +262,8 @@ class Command:
         examples: lines to copy, which the tests run.
         result: the class of what it returns, in its module ``run``; empty where no function of
             Python is the command.
-        record: what ``ppmcal schema`` calls the JSON file that it writes, and the record that writes
-            and reads it, as ``module:class``.
+        record: what ``ppmcal schema`` calls the JSON file that it writes, and the record that is
+            in it, as ``module:class``.
         python: the name of that function, where it is another one; it is recorded.
         faces: Python functions that it has  [default: the one].
         raises: of the Python function.

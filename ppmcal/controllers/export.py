@@ -18,15 +18,13 @@ from ppmcal.io.results.export import (
     ExportRecord,
     NotExpressedEntry,
 )
-from ppmcal.io.results.knowledge import knowledge_of, read_identification
+from ppmcal.io.results.knowledge import KNOWLEDGE, knowledge_of, read_identification
 from ppmcal.io.results.own_calibration import of_other_values
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Effect, Mechanism
 from ppmcal.notes import Note
 from ppmcal.store.provenance import Provenance
 from ppmcal.wording.progress import stage
-
-KNOWLEDGE = "identification.json"
 
 
 @dataclass(frozen=True)

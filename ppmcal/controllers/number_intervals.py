@@ -20,9 +20,9 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal.calibration.fit import Z95
-from ppmcal.controllers.export import KNOWLEDGE, Again, Exported, Number
+from ppmcal.controllers.export import Again, Exported, Number
 from ppmcal.io.results.identification import IdentificationRecord
-from ppmcal.io.results.knowledge import knowledge_of, read_identification
+from ppmcal.io.results.knowledge import KNOWLEDGE, knowledge_of, read_identification
 from ppmcal.io.results.own_calibration import of_other_values
 from ppmcal.io.results.units import column_factor
 from ppmcal.linalg import Array, pinv

@@ -40,7 +40,8 @@ found = ppmcal.home("m.yaml", digits=3)
 same = typed("verify", "home")
 print(json.dumps({"listed": listed, "own": own, "told": told, "asked": asked["joints"],
                   "recorded": asked["provenance"]["function"], "doc": ppmcal.home.__doc__,
-                  "named": ppmcal.__all__, "options": asked["provenance"]["options"], "found": found.joints, "same": same,
+                  "options": asked["provenance"]["options"], "found": found.joints, "same": same,
+                  "named": ppmcal.__all__,
                   "commands": command_page(), "python": api_page(), "stub": stub()}))
 """
 
@@ -57,7 +58,8 @@ def command_of_the_page(folder: Path) -> Path:
 
 
 def test_every_command_has_a_place_of_its_own_in_the_list() -> None:
-    places = [import_module(f"ppmcal.commands.{commands.folder(n)}").ORDER for n in commands.names()]
+    places = [import_module(f"ppmcal.commands.{commands.folder(name)}").ORDER
+              for name in commands.names()]
     assert sorted(set(places)) == places
 
 

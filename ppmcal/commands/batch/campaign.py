@@ -19,6 +19,8 @@ from ppmcal.commands.face import carry_out, refused
 from ppmcal.commands.spec import Arguments, Command, taken
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.io.results.batch import CampaignRecord
+from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.knowledge import KNOWLEDGE
 from ppmcal.io.sidecar import sidecar_path
 from ppmcal.store.folder import read_record, running
 from ppmcal.store.inputs import Run, content_of, digest_of, under_way
@@ -120,7 +122,7 @@ def _named(campaign: CampaignJob) -> set[str]:
     files |= {str(sidecar_path(Path(d))) for d in campaign.data}
     if campaign.command in PRODUCTS:
         files |= {str(Path(campaign.model).with_name(n))
-                  for n in ("identification.json", "diagnosis.json")}
+                  for n in (KNOWLEDGE, DiagnosisRecord.FILE)}
     return {f for f in files if not Path(f).is_dir()}
 
 

@@ -27,7 +27,7 @@ from ppmcal.io.results.comparison import (
     platform_sentence,
     verdict_sentence,
 )
-from ppmcal.io.results.knowledge import read_knowledge, read_posterior
+from ppmcal.io.results.knowledge import KNOWLEDGE, read_knowledge, read_posterior
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import FINDING, NOTE, Note
 from ppmcal.store.inputs import digest_of
@@ -236,7 +236,7 @@ def run(asked: CompareArguments) -> ComparisonResult:
         Path(asked.old), Path(asked.new)))
     mechanism = read_mechanism(second)
     earlier = read_mechanism(first)
-    paths = [p.with_name("identification.json") for p in (first, second)]
+    paths = [p.with_name(KNOWLEDGE) for p in (first, second)]
     before, after = (read_posterior(p, mechanism) for p in paths)
     knowledge = read_knowledge(paths[0], mechanism)
     # what either had free is not a fixed value

@@ -49,7 +49,7 @@ from ppmcal.io.results.commands import (
     form_words,
     target_sentence,
 )
-from ppmcal.io.results.knowledge import knowledge_of, read_identification
+from ppmcal.io.results.knowledge import KNOWLEDGE, knowledge_of, read_identification
 from ppmcal.io.results.other_models import read_other_models
 from ppmcal.io.results.own_calibration import of_other_values
 from ppmcal.kinematics.needed_columns import ORDER
@@ -252,8 +252,7 @@ def _known(model: Machine | CalibratedMachine, knowledge: Path_ | None
             for d in own.fit.problem.datasets]
     machine = load(model)
     notes = [*machine.findings]
-    path = Path(knowledge) if knowledge is not None else Path(machine.source).with_name(
-        "identification.json")
+    path = Path(knowledge) if knowledge is not None else Path(machine.source).with_name(KNOWLEDGE)
     # nothing lies beside a machine that is in memory
     if knowledge is not None or (machine.source in machine.inputs and path.exists()):
         record = read_identification(path)

@@ -15,7 +15,6 @@ from ppmcal.commands.result import Result
 from ppmcal.commands.spec import Path_
 from ppmcal.controllers import loaded
 from ppmcal.controllers.export import (
-    KNOWLEDGE,
     UNKNOWN,
     Exported,
     Exporter,
@@ -26,6 +25,7 @@ from ppmcal.controllers.number_intervals import with_intervals
 from ppmcal.errors import BadInput
 from ppmcal.io.csv_writer import csv_text
 from ppmcal.io.results.export import ExportRecord, error_size, fixed
+from ppmcal.io.results.knowledge import KNOWLEDGE
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import Note
 from ppmcal.store.inputs import digest_of

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ppmcal.calibration.knowledge import FAR
-from ppmcal.controllers.export import KNOWLEDGE, Exported
+from ppmcal.controllers.export import Exported
 from ppmcal.controllers.pose_errors import MM
 from ppmcal.errors import NoResult
 from ppmcal.io.results.export import (
@@ -26,7 +26,7 @@ from ppmcal.io.results.export import (
     is_known,
 )
 from ppmcal.io.results.identification import IdentificationRecord
-from ppmcal.io.results.knowledge import read_identification
+from ppmcal.io.results.knowledge import KNOWLEDGE, read_identification
 from ppmcal.io.results.own_calibration import of_other_values
 from ppmcal.io.results.parts import ErrorSize
 from ppmcal.model.instruments import find_instrument

@@ -54,7 +54,7 @@ from ppmcal.design.missing_poses import poses_to_tell, weak_campaign
 from ppmcal.diagnosis.left_over_pattern import left_over_pattern, pattern_sentence
 from ppmcal.errors import BadInput, NoResult, PpmcalError
 from ppmcal.io.results.interpretation import FORMAT, misreading_entries
-from ppmcal.io.results.knowledge import check_data_not_reused, read_posterior
+from ppmcal.io.results.knowledge import KNOWLEDGE, check_data_not_reused, read_posterior
 from ppmcal.io.sidecar import sidecar_path
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
@@ -85,7 +85,7 @@ def run(asked: IdentifyArguments) -> IdentificationResult:
         machine, more = started(machine, origin)
         notes += more
         inputs.append(str(origin))
-    before = read_posterior(origin.with_name("identification.json"), machine) if (
+    before = read_posterior(origin.with_name(KNOWLEDGE), machine) if (
         asked.keep) else None
     inputs += [before.source] if before else []
     source = source_of("identify", inputs, seed)

@@ -30,7 +30,7 @@ from ppmcal.io.results.kinematics import (
     solved_sentence,
 )
 from ppmcal.io.results.kinematics_uncertainty import COVARIANCE, SIGMAS, TOLERANCES, ModelSigma
-from ppmcal.io.results.knowledge import knowledge_of, read_identification
+from ppmcal.io.results.knowledge import KNOWLEDGE, knowledge_of, read_identification
 from ppmcal.io.results.own_calibration import of_other_values
 from ppmcal.io.results.tables import joint_columns
 from ppmcal.kinematics.closure import Model
@@ -177,7 +177,7 @@ def carried(mechanism: Mechanism) -> CarriedKnowledge | None:
     sigma = {p.name: p.sigma for p in mechanism.parameters
              if p.sigma is not None and np.isfinite(p.sigma)}
     if sigma:
-        beside = Path(mechanism.source).with_name("identification.json")
+        beside = Path(mechanism.source).with_name(KNOWLEDGE)
         record = read_identification(beside) if mechanism.inputs and beside.is_file() else None
         if record is not None and not of_other_values(record, mechanism):
             return CarriedKnowledge(knowledge_of(record, mechanism, beside), COVARIANCE,

@@ -18,6 +18,7 @@ from ppmcal.commands.result import CalibratedMachine, Result
 from ppmcal.commands.spec import Machine, Path_
 from ppmcal.commands.validate.options import ValidateArguments
 from ppmcal.errors import unknown
+from ppmcal.io.results.knowledge import KNOWLEDGE
 from ppmcal.io.results.known_rows import rows_behind
 from ppmcal.io.results.own_calibration import rows_seen, seen_before
 from ppmcal.io.results.validation import (
@@ -130,7 +131,7 @@ def _calibration(path: Path) -> Path | None:
     """Return the identification.json of a calibrated machine's file or folder, None of another."""
     if not (path.is_dir() or path.name in MODELS):
         return None
-    return (path if path.is_dir() else path.parent) / "identification.json"
+    return (path if path.is_dir() else path.parent) / KNOWLEDGE
 
 
 def _beside(model: Machine | CalibratedMachine, against: Sequence[Path_]) -> list[str]:

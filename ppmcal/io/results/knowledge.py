@@ -28,6 +28,8 @@ from ppmcal.model.registration import Registration
 from ppmcal.model.same_rows import KnownRows
 from ppmcal.units import Units, coordinate_quantity
 
+KNOWLEDGE = IdentificationRecord.FILE
+"""What a fit knows of a machine, in the folder of its file."""
 AGAIN = "Run identify again"
 WITHOUT = "Run identify again, or remove it to go on without uncertainties"
 ROUND_OFF = 1e-6
