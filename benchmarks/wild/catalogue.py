@@ -12,12 +12,13 @@ import json
 import sys
 import zlib
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from .campaign import Run, Setup, extended, setup, take
+from .campaign import Plan, Run, Setup, extended, setup, take
 from .cases import CASES, Case, fits
 from .files import coordinates, in_file_units, mechanism_record, table_text, write_text, yaml_text
 from .machines import MACHINES, build, draw_errors, values_of, with_errors
@@ -43,20 +44,35 @@ def stream(seed: int, what: str, name: str = "") -> np.random.Generator:
     return np.random.default_rng([seed, zlib.crc32(what.encode()), zlib.crc32(name.encode())])
 
 
+@lru_cache(maxsize=64)
+def campaign(machine: str, plan: Plan, rows: int, seed: int) -> tuple[np.ndarray, Setup, Run]:
+    """Slot errors (slots,), instrument and rows: those of all cases with that plan."""
+    nominal = build(machine, seed)
+    errors = draw_errors(nominal, stream(seed, "errors", machine))
+    place = setup(nominal, plan, stream(seed, "setup", machine))
+    run = take(nominal, with_errors(nominal, errors), plan, rows,
+               stream(seed, "campaign", machine))
+    return errors, place, run
+
+
+@lru_cache(maxsize=64)
+def referee_of(machine: str, plan: Plan, rows: int, seed: int) -> Judge:
+    """What measures the effects of all cases with that plan."""
+    errors, place, run = campaign(machine, plan, rows, seed)
+    return judge(run, place, errors)
+
+
 def draw(name: str, machine: str, rows: int, seed: int, eta: float, scales=None) -> World:
     """Machine, campaign and effects; scales (one per effect) skip the sizing by eta."""
     if not fits(name, machine):
         raise ValueError(f"{name} does not fit {machine}: {', '.join(CASES[name].machines)}")
-    case, nominal = CASES[name], build(machine, seed)
-    errors = draw_errors(nominal, stream(seed, "errors", machine))
-    geo = with_errors(nominal, errors)
-    place = setup(nominal, case.plan, stream(seed, "setup", machine))
-    run = take(nominal, geo, case.plan, rows, stream(seed, "campaign", machine))
+    case = CASES[name]
+    errors, place, run = campaign(machine, case.plan, rows, seed)
     rng = stream(seed, "effects", name)
     units = [make(rng, run) for make in case.causes]
     referee = None
     if scales is None:
-        referee = judge(run, place, errors)
+        referee = referee_of(machine, case.plan, rows, seed)
         scales = [referee.scale_for(e, eta) if e.sized else 1.0 for e in units]
     effects = [e.scaled(s) for e, s in zip(units, scales, strict=True)]
     return World(case, run, place, effects, list(scales), errors, referee)

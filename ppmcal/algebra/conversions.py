@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ppmcal.algebra._types import Array, as_array, components, pack
-from ppmcal.algebra.motors import compose, half_angle, motor_exp, translator
+from ppmcal.algebra._types import Array, Scalars, as_array, components, pack
+from ppmcal.algebra.motors import half_angle, rotor_of
 
 
 def rotation_matrix(m: ArrayLike) -> Array:
@@ -37,9 +39,23 @@ def rotation_matrix(m: ArrayLike) -> Array:
     return flat.reshape((*flat.shape[:-1], 3, 3))
 
 
-def _place(rotation: Array, t: ArrayLike) -> Array:
-    """Return the motor T R of a rotor `(..., 8)` and a translation `(..., 3)`."""
-    return compose(translator(as_array(t, 3, "translation")), rotation)
+def _place(rotor: Iterable[Scalars], t: ArrayLike) -> Array:
+    """Return the motor T R of a rotor (s, a), component first, and a translation `(..., 3)`.
+
+    With b = −½ t it is (s, a, s b − b × a, a · b): `compose` without the terms that are zero.
+    """
+    s, a1, a2, a3 = rotor
+    b1, b2, b3 = -0.5 * components(t, 3, "translation")
+    return pack(
+        s,
+        a1,
+        a2,
+        a3,
+        b1 * s - b2 * a3 + b3 * a2,
+        b2 * s - b3 * a1 + b1 * a3,
+        b3 * s - b1 * a2 + b2 * a1,
+        b1 * a1 + b2 * a2 + b3 * a3,
+    )
 
 
 def motor_from_quaternion(quat_xyzw: ArrayLike, t: ArrayLike) -> Array:
@@ -59,10 +75,8 @@ def motor_from_quaternion(quat_xyzw: ArrayLike, t: ArrayLike) -> Array:
     norm = np.linalg.norm(quaternion, axis=-1, keepdims=True)
     if np.any(norm == 0):
         raise ValueError("motor_from_quaternion got a quaternion of length zero")
-    rotation = np.zeros((*quaternion.shape[:-1], 8))
-    rotation[..., :1] = quaternion[..., 3:] / norm
-    rotation[..., 1:4] = -quaternion[..., :3] / norm
-    return _place(rotation, t)
+    x, y, z, w = components(quaternion / norm, 4, "motor_from_quaternion")
+    return _place((w, -x, -y, -z), t)
 
 
 def motor_from_matrix(R: ArrayLike, t: ArrayLike) -> Array:
@@ -120,7 +134,4 @@ def motor_from_rotation_vector(rvec: ArrayLike, t: ArrayLike) -> Array:
     Returns:
         Unit motor `(..., 8)`.
     """
-    rvec = as_array(rvec, 3, "motor_from_rotation_vector")
-    twist = np.zeros((*rvec.shape[:-1], 6))
-    twist[..., :3] = rvec
-    return _place(motor_exp(twist), t)
+    return _place(rotor_of(as_array(rvec, 3, "motor_from_rotation_vector")), t)

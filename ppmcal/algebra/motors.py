@@ -163,6 +163,21 @@ def motor_exp(twist: ArrayLike) -> Array:
     )
 
 
+def rotor_of(rotation: ArrayLike) -> tuple[Scalars, Scalars, Scalars, Scalars]:
+    """Return (s, a) of `motor_exp(rotation, 0)`, component first.
+
+    Args:
+        rotation: ω, `(..., 3)`.
+
+    Returns:
+        four arrays `(...)`.
+    """
+    w1, w2, w3 = components(rotation, 3, "rotor_of")
+    phi = 0.5 * np.sqrt(w1 * w1 + w2 * w2 + w3 * w3)
+    half = -0.5 * _sinc(phi)
+    return np.cos(phi), half * w1, half * w2, half * w3
+
+
 def rotated(m: ArrayLike, rotation: ArrayLike) -> Array:
     """Return the rotor of `m` followed by a rotation: that of `motor_exp(rotation, 0) m`.
 
@@ -173,10 +188,7 @@ def rotated(m: ArrayLike, rotation: ArrayLike) -> Array:
     Returns:
         `(..., 8)`, without translation.
     """
-    w1, w2, w3 = components(rotation, 3, "rotated")
-    phi = 0.5 * np.sqrt(w1 * w1 + w2 * w2 + w3 * w3)
-    half = -0.5 * _sinc(phi)
-    s, a1, a2, a3 = np.cos(phi), half * w1, half * w2, half * w3
+    s, a1, a2, a3 = rotor_of(rotation)
     t, c1, c2, c3 = components(m, 8, "rotated")[:4]
     out = np.zeros((*np.broadcast(s, t).shape, 8))
     out[..., 0] = s * t - a1 * c1 - a2 * c2 - a3 * c3
