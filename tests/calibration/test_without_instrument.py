@@ -10,7 +10,7 @@ import ppmcal
 from ppmcal import algebra as cga
 from ppmcal.calibration.compensation import ParameterCovariance
 from ppmcal.calibration.compensation.kinematics_sigma import PoseRows, forward_sigma
-from ppmcal.calibration.fit import by_defining
+from ppmcal.calibration.fit import by_defining, seen_from_frames
 from ppmcal.calibration.fit.problem import white_squares
 from ppmcal.commands.inputs import prepared
 from ppmcal.errors import BadInput
@@ -122,6 +122,25 @@ def in_their_frames(found, g):
 def belts_of(gauge, tolerance=4):
     """Return the file of four belts with small tolerances: frames turn by little."""
     return {**belts(), "tolerances": {"point": tolerance}, "gauge": gauge}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tree", [belts, crossed, stewart], ids=lambda t: t.__name__)
+def test_a_coordinate_that_defines_a_frame_moves_what_is_seen_from_there(tree, tmp_path):
+    """It alone, or the others as they are seen to: the same poses in frames that are apart."""
+    file = tree()
+    path = written(tmp_path, file)
+    made = ppmcal.simulate(path, alone(file, HALF[file["name"]], 20))
+    machine, datasets = prepared(str(path), [made.data[0]])
+    held, seen = seen_from_frames(machine, datasets, machine.free)
+    assert set(held) == set(machine.defining)
+    for p, others in zip(held, seen.T, strict=True):
+        own, rest = machine.values.copy(), machine.values.copy()
+        own[p] += 1e-6
+        rest[list(machine.free)] += 1e-6 * others
+        pose, q = fresh(Model(machine, own), count=8)
+        there = forward(Model(machine, rest), q).pose
+        assert apart(machine, there, pose) < 1e-10
 
 
 @pytest.mark.long
