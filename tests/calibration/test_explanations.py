@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 from helpers.commands import ppmcal
 from helpers.printers import printer, touches
+from helpers.redundant import alone, belts, written
 from helpers.sessions import BOX, POSITION, ROTATION, Array, drawn, machine
 
+import ppmcal as ppmcal_of
 from ppmcal import algebra as cga
 from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
@@ -22,6 +25,7 @@ from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.sessions.change_detection import Comparison, between, posterior_of
 from ppmcal.calibration.sessions.session_posteriors import session_knowledge
 from ppmcal.calibration.validation.residual_vectors import residuals
+from ppmcal.commands.inputs import prepared
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
@@ -41,11 +45,17 @@ def known(mechanism: Mechanism, data: Dataset) -> Posterior:
     return posterior_of(with_noise(fit, noise_check(fit).inflation, PLAIN), {})
 
 
+def values(mechanism: Mechanism, found: Posterior) -> Array:
+    """Return the machine's parameters (P,) with those that were fitted."""
+    g = mechanism.values.copy()
+    g[list(found.places)] = found.value
+    return g
+
+
 def compared(mechanism: Mechanism, old: Dataset, new: Dataset) -> Comparison:
     one, two = known(mechanism, old), known(mechanism, new)
-    g = mechanism.values.copy()
-    g[list(two.places)] = two.value
-    return between(mechanism.with_values(g), one, two, {}, np.random.default_rng(0))[0]
+    return between(mechanism.with_values(values(mechanism, two)), one, two, {},
+                   np.random.default_rng(0))[0]
 
 
 def tied(found: Comparison) -> set[str]:
@@ -223,6 +233,88 @@ def test_what_is_missed_at_other_poses_is_noise() -> None:
         sizes.append(found.chi2 / found.freedom)
         named += found.changed
     assert 0.5 < np.mean(sizes) < 1.5 and named <= 1
+
+
+def framed(fixed: bool) -> dict[str, Any]:
+    """Return the file of four belts; what defines the frame is ``fixed``, or held by a fit."""
+    tree = belts()
+    for limb, axes in zip(tree["limbs"], ("xy", "y", "", ""), strict=True):
+        limb["base"]["point"] = {a: {"value": v, "fixed": True} if fixed and a in axes else v
+                                 for a, v in zip("xy", limb["base"]["point"], strict=True)}
+    return tree
+
+
+def in_frame(folder: Path, tree: dict[str, Any], seed: int, errors: dict[str, float],
+             homed: tuple[float, ...] = (), low: bool = False) -> tuple[Mechanism, Dataset]:
+    """Return belts read at 40 places, and the machine with what defines its frames held.
+
+    ``errors`` in mm; ``homed``: by how much each belt reads more, m; ``low``: all places are on the
+    line from one of the lower anchors to the other.
+    """
+    scenario = alone(tree, {"x": 900, "y": 700}, 40, 0.3, seed=seed,
+                     errors={"tl.base.point.x": 10, **errors})
+    if low:
+        scenario["poses"]["random"] |= {"center": {"x": 1500, "y": 0},
+                                        "half_range": {"x": 900, "y": 20}}
+    path = written(folder, tree)
+    data, = ppmcal_of.simulate(path, scenario).data
+    data = replace(data, q=data.q + np.array(homed)) if homed else data
+    mechanism, (data,) = prepared(str(path), [data])
+    return mechanism, data
+
+
+@pytest.fixture(scope="module", params=[False, True], ids=["held", "fixed"])
+def before(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+           ) -> tuple[dict[str, Any], Path, Posterior]:
+    """Return belts' file, a folder, and what is known before anything moves."""
+    tree, folder = framed(request.param), tmp_path_factory.mktemp("framed")
+    return tree, folder, known(*in_frame(folder, tree, 21, {}))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("moved", "homed", "named"), [
+    ({"bl.base.point.x": 4}, (), "bl.base.point.x"),
+    ({"bl.base.point.y": -4}, (), "bl.base.point.y"),
+    ({"br.base.point.y": 4}, (), "br.base.point.y"),
+    ({"tr.base.point.x": 4}, (), "tr.base.point.x"),
+    ({}, (0.003, -0.004, 0.006, -0.002), "homing of every joint"), ({}, (), "")])
+def test_an_anchor_that_defines_the_frame_is_named_where_it_moved(
+        before: tuple[dict[str, Any], Path, Posterior], moved: dict[str, float],
+        homed: tuple[float, ...], named: str) -> None:
+    """It is not fitted, and moves all the others as they are seen: no homing, and no other anchor.
+
+    A free one, joints homed anew and nothing at all are told as such.
+    """
+    tree, folder, old = before
+    mechanism, data = in_frame(folder, tree, 22, moved, homed=homed)
+    new = known(mechanism, data)
+    found, notes = between(mechanism.with_values(values(mechanism, new)), old, new, {},
+                           np.random.default_rng(0))
+    assert [c.name for c in found.changes] == [named] * bool(named)
+    told = [n for n in notes if n.topic == "gauge"]
+    frame = new.defining.names if new.defining else ()
+    assert frame == ("bl.base.point.x", "bl.base.point.y", "br.base.point.y")
+    assert bool(told) == (named in frame) and all(named in n for n in told)
+    for n, size in moved.items():
+        part, = found.changes[0].parts
+        assert abs(part.value - 1e-3 * size) < 4.0 * part.sigma < 2e-3
+        seen = dict(zip(found.names, found.explained.tolist(), strict=True))
+        # as the first anchor goes one way, all others are seen to go the other
+        if n == "bl.base.point.x":
+            assert [seen[f"{b}.base.point.x"] for b in ("br", "tr", "tl")] == pytest.approx(
+                [-part.value] * 3)
+            assert seen["tr.base.point.y"] == seen["tl.base.point.y"] == 0.0
+
+
+@pytest.mark.long
+def test_an_anchor_that_moved_along_its_rope_is_tied_with_its_homing(tmp_path: Path) -> None:
+    """Where that rope always points one way nothing tells the two apart, and both are said."""
+    tree = framed(False)
+    (mechanism, one), (_, two) = (
+        in_frame(tmp_path, tree, seed, moved, low=True)
+        for seed, moved in ((23, {}), (24, {"bl.base.point.x": 20})))
+    found = compared(mechanism, one, two)
+    assert {"bl.base.point.x", "homing of bl"} <= tied(found)
 
 
 @pytest.fixture(scope="module")

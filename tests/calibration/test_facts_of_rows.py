@@ -15,7 +15,7 @@ from ppmcal.calibration.fit import linearisation as least_squares
 from ppmcal.calibration.fit.linearisation import qr_factor
 from ppmcal.calibration.fit.observation import pivot
 from ppmcal.calibration.fit.problem import Problem
-from ppmcal.calibration.fit.response import Response
+from ppmcal.calibration.fit.response import ClosedRows, Response
 from ppmcal.calibration.knowledge.extrapolation import extrapolated, far_outside, measured_ranges
 from ppmcal.io import read_mechanism
 from ppmcal.model.effects import Shift
@@ -180,7 +180,7 @@ def test_predictions_move_with_whatever_a_shift_moves() -> None:
                                 by_points=(by_points,), inside=None)
     closure: Any = SimpleNamespace(model=SimpleNamespace(shift=None))
     unknown: Any = None
-    response = Response(closure, pose, seen, unknown)
+    response = Response(ClosedRows(closure, pose), seen, unknown)
     moved = np.einsum("nmi,ni->nm", by_poses, twist)
     grown = np.einsum("nmi,ni->nm", by_points, points * [1.0, 2.0, 3.0])
     assert not response.column(Shift()).any()

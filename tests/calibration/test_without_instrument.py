@@ -1,5 +1,7 @@
 """Machines that calibrate themselves: joint values alone, against a truth they were made from."""
 
+import json
+
 import numpy as np
 import pytest
 import yaml
@@ -10,7 +12,7 @@ import ppmcal
 from ppmcal import algebra as cga
 from ppmcal.calibration.compensation import ParameterCovariance
 from ppmcal.calibration.compensation.kinematics_sigma import PoseRows, forward_sigma
-from ppmcal.calibration.fit import by_defining
+from ppmcal.calibration.fit import by_defining, seen_from_frames
 from ppmcal.calibration.fit.problem import white_squares
 from ppmcal.commands.inputs import prepared
 from ppmcal.errors import BadInput
@@ -124,6 +126,25 @@ def belts_of(gauge, tolerance=4):
     return {**belts(), "tolerances": {"point": tolerance}, "gauge": gauge}
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("tree", [belts, crossed, stewart], ids=lambda t: t.__name__)
+def test_a_coordinate_that_defines_a_frame_moves_what_is_seen_from_there(tree, tmp_path):
+    """It alone, or the others as they are seen to: the same poses in frames that are apart."""
+    file = tree()
+    path = written(tmp_path, file)
+    made = ppmcal.simulate(path, alone(file, HALF[file["name"]], 20))
+    machine, datasets = prepared(str(path), [made.data[0]])
+    held, seen = seen_from_frames(machine, datasets, machine.free)
+    assert set(held) == set(machine.defining)
+    for p, others in zip(held, seen.T, strict=True):
+        own, rest = machine.values.copy(), machine.values.copy()
+        own[p] += 1e-6
+        rest[list(machine.free)] += 1e-6 * others
+        pose, q = fresh(Model(machine, own), count=8)
+        there = forward(Model(machine, rest), q).pose
+        assert apart(machine, there, pose) < 1e-10
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("gauge", ["base", "tolerances"])
 def test_promised_errors_are_the_true_ones_in_the_frame_that_is_defined(gauge, tmp_path):
@@ -216,20 +237,31 @@ def test_a_changed_pull_of_ropes_is_what_compare_names(strain, before_the_change
     assert abs(change.parts[0].value - 0.002) < 4.0 * change.parts[0].sigma
 
 
-@pytest.mark.parametrize("moved", [0.0, 4.0])
+@pytest.mark.parametrize(("anchor", "moved"), [
+    ("tr.base.point.x", 0.0), ("tr.base.point.x", 4.0), ("bl.base.point.y", 4.0)])
 @pytest.mark.long
-def test_compare_of_machines_whose_limbs_gap_names_the_anchor_that_moved(moved, tmp_path):
+def test_compare_of_machines_whose_limbs_gap_names_the_anchor_that_moved(anchor, moved, tmp_path):
     """Each has the frame that its own gauge defines; where nothing moved, nothing is named."""
     file = gapped(belts())
     path = written(tmp_path, file)
     for seed in (3, 4):
-        errors = {"tl.base.point.x": 12, "tr.base.point.x": moved * (seed == 4)}
+        errors = {"tl.base.point.x": 12, anchor: moved * (seed == 4)}
         made = ppmcal.simulate(path, alone(file, HALF["belts"], 40, 0.1, seed=seed, errors=errors))
         ppmcal.identify(path, made.data[0], holdout=0.0).save(tmp_path / str(seed))
     found = ppmcal.compare(tmp_path / "3", tmp_path / "4").comparison
-    assert [c.name for c in found.changes] == ["tr.base.point.x"] * bool(moved)
+    assert [c.name for c in found.changes] == [anchor] * bool(moved)
     for change in found.changes:
         assert abs(change.parts[0].value - 1e-3 * moved) < 4.0 * change.parts[0].sigma < 2e-3
+    file = tmp_path / "4" / "identification.json"
+    tree = json.loads(file.read_text())
+    frame = tree["covariance"]["defining"]
+    assert frame["names"] == ["bl.base.point.x", "bl.base.point.y", "br.base.point.y"]
+    for broken in ({"names": ["tr.base.point.x", *frame["names"][1:]]}, {"unit": [1.0]},
+                   {"seen": frame["seen"][:2]}, {"unit": [0.0, 1.0, 1.0]}):
+        tree["covariance"]["defining"] = frame | broken
+        file.write_text(json.dumps(tree))
+        with pytest.raises(BadInput, match=r"is not an identification\.json of this version"):
+            ppmcal.compare(tmp_path / "3", tmp_path / "4")
 
 
 @pytest.mark.long

@@ -37,12 +37,14 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.flatness import Flat as Flat
     from ppmcal.calibration.fit.flatness import flats as flats
     from ppmcal.calibration.fit.gauge import by_defining as by_defining
+    from ppmcal.calibration.fit.gauge import seen_from_frames as seen_from_frames
     from ppmcal.calibration.fit.gauge import with_gauge as with_gauge
     from ppmcal.calibration.fit.gauss_newton import CONVERGED as CONVERGED
     from ppmcal.calibration.fit.gauss_newton import least_squares as least_squares
     from ppmcal.calibration.fit.homing_shift import HomingShift as HomingShift
     from ppmcal.calibration.fit.linearisation import NormalStep as NormalStep
     from ppmcal.calibration.fit.linearisation import column_scale as column_scale
+    from ppmcal.calibration.fit.linearisation import natural_units as natural_units
     from ppmcal.calibration.fit.linearisation import prior_weights as prior_weights
     from ppmcal.calibration.fit.linearisation import qr_factor as qr_factor
     from ppmcal.calibration.fit.linearisation import seen_directions as seen_directions
@@ -91,6 +93,7 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.outliers import single_gross_rows as single_gross_rows
     from ppmcal.calibration.fit.prior_information import BENT as BENT
     from ppmcal.calibration.fit.prior_information import SEEN as SEEN
+    from ppmcal.calibration.fit.prior_information import DefiningParameters as DefiningParameters
     from ppmcal.calibration.fit.prior_information import PoseResiduals as PoseResiduals
     from ppmcal.calibration.fit.prior_information import Posterior as Posterior
     from ppmcal.calibration.fit.prior_information import PriorInformation as PriorInformation

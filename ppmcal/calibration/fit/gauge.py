@@ -105,6 +105,29 @@ def by_defining(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequenc
     return np.asarray(moves[:len(free)] @ linalg.pinv(moves[len(free):]))
 
 
+def seen_from_frames(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[int]
+                     ) -> tuple[tuple[int, ...], Array]:
+    """Return coordinates of points that alone define frames, and what is seen as one moves (F, G).
+
+    Held by a calibration or fixed in the file, which joint values alone cannot tell from moved
+    others: as one of them moves by one unit, and none of the others, parameters ``free`` (F,) are
+    seen to change by so much. What is fixed beyond that, as all hooks of a point, defines none.
+    """
+    if not all(d.kind.inside for d in datasets):
+        return (), np.zeros((len(free), 0))
+    held = sorted({p for limb in mechanism.limbs for end in ("base", "platform")
+                   for p in limb.slots.feeds_point(limb.kind.point(end))} - set(free))
+    every = (*free, *held)
+    moves, size = _motions(replace(mechanism, free=every), datasets)
+    others, own = moves[:len(free)], moves[len(free):]
+    back = linalg.pinv(own)
+    alone = np.abs(own @ back - np.eye(len(held))).max(axis=0, initial=0.0) < UNSEEN
+    seen = -others @ back
+    seen[size[:len(free), None] * np.abs(seen) < UNSEEN * size[len(free):]] = 0.0
+    good = alone & seen.any(axis=0)
+    return tuple(p for p, g in zip(held, good, strict=True) if g), np.asarray(seen[:, good])
+
+
 def by_frames(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[int],
               away: Array) -> float:
     """Return the part of the chi-squared of tolerances that an error of the frames explains.

@@ -17,6 +17,7 @@ from ppmcal.calibration.fit.normal_equations import NormalSums, white_blocks
 from ppmcal.calibration.fit.problem import Problem, State
 from ppmcal.errors import LinearAlgebraError
 from ppmcal.linalg import Array, Bools, svd
+from ppmcal.model.mechanism import Mechanism
 
 SOLVE_TOLERANCE = 1e-13
 """Directions below this part of the strongest are round-off: neither data nor prior see them."""
@@ -65,15 +66,20 @@ def prior_weights(problem: Problem, method: str, factor: float = 1.0) -> Array:
 
 
 def parameter_scale(problem: Problem) -> Array:
-    """Return the unit in which each free parameter is judged (F,): its tolerance, SI.
+    """Return the unit in which each free parameter is judged (F,), SI."""
+    return natural_units(problem.mechanism, problem.free)
+
+
+def natural_units(mechanism: Mechanism, places: Sequence[int]) -> Array:
+    """Return the unit in which each of some parameters is judged (F,): its tolerance, SI.
 
     Without a finite tolerance: a thousandth of the reach, or 1e-3 rad.
     """
-    out = np.empty(len(problem.free))
-    for c, p in enumerate(problem.free):
-        parameter = problem.mechanism.parameters[p]
+    out = np.empty(len(places))
+    for c, p in enumerate(places):
+        parameter = mechanism.parameters[p]
         natural = parameter.size or 1e-3 * (
-            problem.mechanism.reach if parameter.quantity == "length" else 1.0)
+            mechanism.reach if parameter.quantity == "length" else 1.0)
         out[c] = parameter.prior_sigma or natural
     return out
 

@@ -117,6 +117,28 @@ class SessionKnowledge:
 
 
 @dataclass(frozen=True, eq=False)
+class DefiningParameters:
+    """Parameters that define the frames of a fit by joint values alone, and were not fitted (G,).
+
+    Attributes:
+        names: of them.
+        scale: their natural units (G,), SI.
+        seen: how the fitted ones change, seen from these frames, as each of them moves by its
+            natural unit (G, F), SI.
+    """
+
+    names: tuple[str, ...]
+    scale: Annotated[Line, Quantity(of="quantities"), Key("unit")]
+    seen: Annotated[Rows, Quantity(of="columns")]
+    columns: ClassVar = (PARAMETERS,)
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """The quantities of these parameters."""
+        return tuple(COLUMN + n for n in self.names)
+
+
+@dataclass(frozen=True, eq=False)
 class Posterior:
     """What an identification ended with, SI.
 
@@ -134,6 +156,8 @@ class Posterior:
         session: what the data say beyond its parameters; None where a file does not hold it.
         known: rows by which copies of those tables are recognised.
         step: from the value to the estimate (F,), SI; None: the value is the estimate.
+        defining: what defines its frames; None where nothing does, or where a file does not hold
+            it.
     """
 
     places: tuple[int, ...]
@@ -148,6 +172,7 @@ class Posterior:
     session: SessionKnowledge | None = None
     known: tuple[KnownRows, ...] = ()
     step: Array | None = None
+    defining: DefiningParameters | None = None
 
     def estimate(self, mechanism: Mechanism) -> Array:
         """Return where data and tolerances together have their minimum (F,), SI."""

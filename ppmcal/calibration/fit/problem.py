@@ -26,6 +26,7 @@ from ppmcal.calibration.fit.poses_from_home import PosesFromHome
 from ppmcal.calibration.fit.prior_information import PriorInformation
 from ppmcal.calibration.fit.raw_rows import RawRows, RowMaker
 from ppmcal.calibration.fit.registration import no_pose, start_registration, unscaled
+from ppmcal.calibration.fit.response import RowsAtRest
 from ppmcal.calibration.fit.unknown_directions import direction_sigma
 from ppmcal.calibration.fit.white_rows import Rows, white_rows
 from ppmcal.kinematics.closure import Model
@@ -86,7 +87,8 @@ class Problem:
     ``free`` are parameter indices (F,); ``pivots`` the points about which frames are turned,
     one (3,) per data set, default each one's middle; ``given`` their environments, default as
     their columns say; ``earlier``: what earlier measurements knew; ``home``: poses that this
-    problem, or one that it was made from, was led to from home.
+    problem, or one that it was made from, was led to from home; ``at_rest``: its closed rows, of
+    which nothing but frames and targets moves.
     """
 
     mechanism: Mechanism
@@ -96,6 +98,7 @@ class Problem:
     given: tuple[Environment, ...] | None = None
     earlier: PriorInformation | None = None
     home: PosesFromHome = field(default_factory=PosesFromHome)
+    at_rest: RowsAtRest = field(default_factory=RowsAtRest)
 
     def alone(self, data: Dataset) -> Problem:
         """Return the problem of one data set by itself, with a frame of its own."""
@@ -388,4 +391,5 @@ class Problem:
         ends = self.ends(i, state, index)
         models = [shifted(Model(self.mechanism, state.g), rows, q, pose) for q, pose in ends]
         return RowMaker(self.sighting(i, state), models, ends, surroundings, self.free,
-                        len(self.columns) if jacobian else None).made(index)
+                        len(self.columns) if jacobian else None,
+                        None if self.free or self.mechanism.effects else self.at_rest).made(index)

@@ -20,7 +20,7 @@ from ppmcal.calibration.fit.observation import (
     noise,
     view,
 )
-from ppmcal.calibration.fit.response import Response, with_surplus
+from ppmcal.calibration.fit.response import ClosedRows, Response, RowsAtRest, with_surplus
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import platform_pose
 from ppmcal.kinematics.registration import by_displacement, displaced
@@ -138,6 +138,7 @@ class RowMaker:
         surroundings: what effects depend on, whatever the machine has.
         free: parameters that the columns are of; ``columns``: how many these and the data sets'
             own are, None where no Jacobian is asked for.
+        at_rest: closed rows that are known, where none are free and there are no effects.
     """
 
     sighting: Sighting
@@ -146,6 +147,7 @@ class RowMaker:
     surroundings: Callable[[], Environment]
     free: Sequence[int]
     columns: int | None
+    at_rest: RowsAtRest | None = None
 
     def made(self, index: Ints) -> RawRows:
         """Return the rows ``index`` (n,)."""
@@ -162,14 +164,20 @@ class RowMaker:
             sigma = np.pad(sigma, ((0, 0), (0, seen.residual.shape[1] - sigma.shape[1])))
         noisy = bool(np.any(sighting.sigma_joint > 0.0) or np.any(sighting.sigma_gap > 0.0))
         responses = tuple(
-            Response(model.closure(q, () if self.columns is None else self.free), pose, seen,
-                     self.surroundings, end, bases[end], sighting.data.name)
+            Response(self._closed(model, q, pose), seen, self.surroundings, end, bases[end],
+                     sighting.data.name)
             for end, ((q, pose), model) in enumerate(zip(ends, self.models, strict=True))
         ) if noisy or self.columns is not None else ()
         return RawRows(
             seen, np.where(seen.observed[..., None], self._jacobian(seen, responses), 0.0), sigma,
             joint_covariance(part.data, motion), self._carried(responses) if noisy else None,
             part.data.weight, responses, len(ends) * surplus)
+
+    def _closed(self, model: Model, q: Array, pose: Array) -> ClosedRows:
+        """Return the closure at poses (n, 8), with the columns that are asked for."""
+        if self.at_rest is not None:
+            return self.at_rest.of(model, q, pose)
+        return ClosedRows(model.closure(q, () if self.columns is None else self.free), pose)
 
     def _look(self, part: Sighting, closed: Sequence[Array]) -> ResidualJacobian:
         """Return what the instrument sees of some rows at poses (n, 8) that close."""

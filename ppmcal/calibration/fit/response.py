@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.calibration.fit.observation import ResidualJacobian
-from ppmcal.kinematics.closure import Closure
+from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.compiled_limbs import compiled_limbs
 from ppmcal.kinematics.effect_response import effect_terms, setting
 from ppmcal.kinematics.equilibrium import platform_pose
@@ -20,18 +20,71 @@ from ppmcal.linalg import Array
 from ppmcal.model.dataset import Environment
 from ppmcal.model.effects import Setting, Shift
 
+KEPT, MOST = 16384, 32
+"""So many rows, and sets of rows, are kept in :class:`RowsAtRest`."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedRows:
+    """A closure of n rows at poses (n, 8), and what follows from these alone, made once."""
+
+    closure: Closure
+    pose: Array
+
+    @cached_property
+    def lines(self) -> Array:
+        """The legs' lines (n, d, 6) in base axes."""
+        return self.closure.lines(self.pose)
+
+    @cached_property
+    def pose_matrix(self) -> Array:
+        """How the closure equations move with the pose (n, e, d)."""
+        return self.closure.pose_matrix(self.pose, self.lines)
+
+    @cached_property
+    def joint_matrix(self) -> Array:
+        """How the closure equations move with joint values (n, e, k)."""
+        return self.closure.joint_matrix(self.pose, self.lines)
+
+    def same(self, model: Model, q: Array, pose: Array) -> bool:
+        """Whether it is that of a model at joint values (n, k) and poses (n, 8)."""
+        own = self.closure
+        return (own.model.mechanism is model.mechanism and np.array_equal(self.pose, pose)
+                and np.array_equal(own.q, q)
+                and np.array_equal(own.model.parameters, model.parameters))
+
+
+@dataclass(eq=False)
+class RowsAtRest:
+    """Closed rows, the latest last, for fits in which nothing but frames and targets moves.
+
+    Registrations make the same rows hundreds of times, and what geometry says of them is most of
+    the work.
+    """
+
+    known: list[ClosedRows] = field(default_factory=list)
+
+    def of(self, model: Model, q: Array, pose: Array) -> ClosedRows:
+        """Return the closed rows of a model without effects at joints (n, k) and poses (n, 8)."""
+        for one in self.known:
+            if one.same(model, q, pose):
+                return one
+        self.known.append(ClosedRows(model.closure(q), pose))
+        while len(self.known) > MOST or sum(len(one.pose) for one in self.known[:-1]) > KEPT:
+            del self.known[0]
+        return self.known[-1]
+
 
 @dataclass(frozen=True, eq=False)
 class Response:
     """How the predictions of n rows move along shifts of any kind.
 
-    Closed poses ``pose`` (n, 8) are number ``end`` of those seen. ``surplus``: of a machine with
+    The poses of ``closed`` are number ``end`` of those seen. ``surplus``: of a machine with
     more equations than freedoms the basis N (n, e, s), and in which of the m values N' c stands.
     ``target``: name of the data set, of which shifts of single targets are its own.
     """
 
-    closure: Closure
-    pose: Array
+    closed: ClosedRows
     seen: ResidualJacobian
     surroundings: Callable[[], Environment]
     end: int = 0
@@ -43,10 +96,20 @@ class Response:
         """What effects depend on."""
         return self.surroundings()
 
-    @cached_property
+    @property
+    def closure(self) -> Closure:
+        """The closure of the rows."""
+        return self.closed.closure
+
+    @property
+    def pose(self) -> Array:
+        """The closed poses (n, 8)."""
+        return self.closed.pose
+
+    @property
     def lines(self) -> Array:
         """The legs' lines (n, d, 6) in base axes."""
-        return self.closure.lines(self.pose)
+        return self.closed.lines
 
     @cached_property
     def by_pose(self) -> Array:
@@ -62,7 +125,7 @@ class Response:
     @cached_property
     def by_equation(self) -> Array:
         """How predictions move with the closure equations (n, m, e): -by_pose A^-1."""
-        matrix = self.closure.pose_matrix(self.pose, self.lines)
+        matrix = self.closed.pose_matrix
         by_pose = self.by_pose[..., self.closure.model.mechanism.dof]
         out = -np.swapaxes(held_by(self.closure, self.pose, matrix, np.swapaxes(by_pose, -1, -2),
                                    self.lines), -1, -2)
@@ -74,7 +137,7 @@ class Response:
     @cached_property
     def by_joint(self) -> Array:
         """How predictions move with joint values (n, m, k)."""
-        out = np.asarray(self.by_equation @ self.closure.joint_matrix(self.pose, self.lines))
+        out = np.asarray(self.by_equation @ self.closed.joint_matrix)
         if self.seen.inside is not None:
             out[:, 0] += self.seen.inside.by_joint
         return out

@@ -47,7 +47,8 @@ def by_tolerances(response: Response, mechanism: Mechanism) -> Array:
     """
     free, tolerance = uncertain(mechanism)
     here = response.closure
-    whole = replace(response, closure=here.model.closure(here.q, free))
+    whole = replace(response, closed=replace(
+        response.closed, closure=here.model.closure(here.q, free)))
     out = np.zeros((*response.seen.residual.shape, len(free)))
     whole.geometry_columns(out, free, slice(len(free), len(free)))
     with np.errstate(invalid="ignore"):

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from ppmcal.calibration.sessions.pose_difference import PoseDifference as PoseDifference
     from ppmcal.calibration.sessions.session_posteriors import SESSION as SESSION
     from ppmcal.calibration.sessions.session_posteriors import (
+        defining_parameters as defining_parameters,
+    )
+    from ppmcal.calibration.sessions.session_posteriors import (
         session_knowledge as session_knowledge,
     )
 

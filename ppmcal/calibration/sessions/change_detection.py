@@ -38,13 +38,16 @@ from ppmcal.calibration.sessions.explanations import (
 )
 from ppmcal.calibration.sessions.joint_rows import joint_rows
 from ppmcal.calibration.sessions.pose_difference import PoseDifference, pose_difference
-from ppmcal.calibration.sessions.session_posteriors import session_knowledge
+from ppmcal.calibration.sessions.session_posteriors import (
+    defining_parameters,
+    session_knowledge,
+)
 from ppmcal.errors import BadInput
 from ppmcal.inference.priors import NOISE_FREEDOM, SURE
 from ppmcal.linalg import Array, eigh, reciprocals
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
-from ppmcal.notes import Note
+from ppmcal.notes import NOTE, Note
 
 VISIBLE = 1e-3
 """A change counts as seen where one natural unit of it makes so many standard deviations."""
@@ -153,6 +156,10 @@ def between(mechanism: Mechanism, old: Posterior, new: Posterior,
     if not found.freedom:
         return Comparison.impossible("the two sessions have no direction in common that both "
                                      "measured: nothing that one found foretells the other"), notes
+    defining = new.defining.names if new.defining else ()
+    notes += [Note(f"{c.name} defines a frame, so it is not fitted; the table shows its change as "
+                   "a motion of the other points", NOTE, "gauge")
+              for c in found.changes if c.name in defining]
     # a machine of fewer actuators than coordinates does not reach poses drawn at random
     if volume and not mechanism.dependent:
         poses = np.stack([rng.uniform(*volume.get(c, (0.0, 0.0)), POSES)
@@ -173,7 +180,7 @@ def _compared(mechanism: Mechanism, old: Posterior, new: Posterior, common: list
     rows = joint_rows(mechanism, old, new, noise)
     names, scale = [mechanism.names[p] for p in common], rows.scale
     place = {n: c for c, n in enumerate([*(mechanism.names[p] for p in new.places),
-                                         *rows.candidates])}
+                                         *rows.candidates, *rows.defining])}
 
     def block(e: Explanation) -> Array:
         # columns of one number move by the same amount, whatever their natural units
@@ -184,7 +191,7 @@ def _compared(mechanism: Mechanism, old: Posterior, new: Posterior, common: list
     known = float(NOISE_FREEDOM) + sum(p.session.degrees for p in (old, new) if p.session)
 
     def named() -> Explained:
-        candidates = explanations(mechanism, names, rows.candidates)
+        candidates = explanations(mechanism, names, rows.candidates, rows.defining)
         return explained_by(candidates, [block(e) for e in candidates], rows.misfit, known)
 
     # whether anything has changed is reported without a name for it
@@ -192,10 +199,13 @@ def _compared(mechanism: Mechanism, old: Posterior, new: Posterior, common: list
     here = [new.places.index(p) for p in common]
     covariance = rows.covariance()[np.ix_(here, here)]
     value, explained = new.estimate(mechanism)[here], np.zeros(len(common))
+    seen = {} if new.defining is None else dict(zip(
+        rows.defining, new.defining.seen[:, here] / new.defining.scale[:, None], strict=True))
     for f in found.taken:
         for part, step in zip(f.explanation.columns, f.value.tolist(), strict=True):
             step *= scale[place[next(iter(part))]]
             explained += [step * part.get(n, 0.0) for n in names]
+            explained += step * sum(w * seen[n] for n, w in part.items() if n in seen)
     size, chi2 = rows.misfit.size, float(rows.misfit @ rows.misfit)
     return Comparison(
         tuple(names), old.estimate(mechanism), value,
@@ -246,7 +256,7 @@ def posterior_of(fit: Fit, inputs: Mapping[str, str] | None = None) -> Posterior
     matrix, right = of_data(*data_rows(fit), count, scale)
     return Posterior(fit.problem.free, fit.state.g[free], matrix * fit.noise, right * fit.noise,
                      reciprocals(fit.prior[:count], np.inf), scale, fit.noise, inputs or {}, "",
-                     session_knowledge(fit))
+                     session_knowledge(fit), defining=defining_parameters(fit))
 
 
 def carried_on(fit: Fit, before: Posterior, options: FitOptions) -> list[Note]:

@@ -71,8 +71,8 @@ class Explained:
     unlisted: float
 
 
-def explanations(mechanism: Mechanism, parameters: Sequence[str], session: Sequence[str]
-                 ) -> list[Explanation]:
+def explanations(mechanism: Mechanism, parameters: Sequence[str], session: Sequence[str],
+                 defining: Sequence[str] = ()) -> list[Explanation]:
     """Return everything that may have changed.
 
     Args:
@@ -80,13 +80,15 @@ def explanations(mechanism: Mechanism, parameters: Sequence[str], session: Seque
         parameters: names of those that both calibrations had free.
         session: candidates that both sessions took for known, as in
             :class:`posterior.SessionKnowledge`.
+        defining: names of those that define their frames, and may move as any of those.
     """
-    kind = {n: mechanism.parameters[mechanism.names.index(n)].tolerance_class for n in parameters}
+    single = (*parameters, *defining)
+    kind = {n: mechanism.parameters[mechanism.names.index(n)].tolerance_class for n in single}
     one = 1.0 - float(ALL_ALIKE)
     dimensions = max(1, sum(k != "offset" for k in kind.values()))
     out = [Explanation(n, ({n: 1.0},), (n,), *((one / len(mechanism.actuators), "zeros")
                        if kind[n] == "offset" else (one * float(SELDOM) / dimensions, kind[n])))
-           for n in parameters]
+           for n in single]
     out += _homing(mechanism, session)
     out += _pulls(mechanism, session)
     out += _together(mechanism, parameters, kind)

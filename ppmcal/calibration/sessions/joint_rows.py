@@ -23,8 +23,9 @@ FORESEEN = 1e-3
 class JointRows:
     """The new rows less what the old ones and the tolerances say, white (d,), F parameters.
 
-    ``columns`` (d, F + K): how the misfit moves by one natural unit ``scale`` (F + K,) of a change
-    of each parameter of the new calibration and of each of the ``candidates`` (K,).
+    ``columns`` (d, F + K + G): how the misfit moves by one natural unit ``scale`` (F + K + G,) of a
+    change of each parameter of the new calibration, of each of the ``candidates`` (K,) and of each
+    of the parameters that are ``defining`` its frames (G,).
     ``information``: of the old and of the new data alone, and of the tolerances (F, F) in natural
     units.
     """
@@ -34,6 +35,7 @@ class JointRows:
     scale: Array
     candidates: tuple[str, ...]
     information: tuple[Array, Array, Array]
+    defining: tuple[str, ...] = ()
 
     def covariance(self) -> Array:
         """Return the covariance of new minus old values if nothing changed (F, F), SI.
@@ -83,9 +85,15 @@ def joint_rows(mechanism: Mechanism, old: Posterior, new: Posterior, noise: Diff
     rest[ours] = own
     rest = without_range(rest, basis)
     seen = range_basis(rest, least=FORESEEN)
-    return JointRows(seen.T @ (right - basis @ (basis.T @ right)), seen[ours].T @ here, scale,
+    columns, defining = seen[ours].T @ here, new.defining
+    if defining is not None:
+        # one that defines the frame moves the rows as what is seen from there does
+        columns = np.concatenate([columns, columns[:, :free] @ (defining.seen / new.scale).T],
+                                 axis=1)
+        scale = np.concatenate([scale, defining.scale])
+    return JointRows(seen.T @ (right - basis @ (basis.T @ right)), columns, scale,
                      names, (_square(blocks[0][:, :free]), _square(here[:, :free]),
-                             np.diag(weight**2)))
+                             np.diag(weight**2)), defining.names if defining else ())
 
 
 def _with_common(blocks: list[Array], noise: DifferenceNoise) -> Array:

@@ -22,6 +22,7 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal import linalg
 from ppmcal.calibration.fit import (
+    DefiningParameters,
     Fit,
     PoseResiduals,
     Problem,
@@ -29,8 +30,10 @@ from ppmcal.calibration.fit import (
     SessionKnowledge,
     coordinates,
     distances,
+    natural_units,
     of_data,
     rows_with_outliers,
+    seen_from_frames,
 )
 from ppmcal.linalg import (
     Array,
@@ -89,6 +92,20 @@ def session_knowledge(fit: Fit) -> SessionKnowledge:
     sights, spread = _sights(fit, problem, columns, found)
     return SessionKnowledge(columns.names, matrix, reduced, columns.scale, found.noise,
                             float(np.sqrt(spread)) if degrees > 0 else 1.0, degrees, few, sights)
+
+
+def defining_parameters(fit: Fit) -> DefiningParameters | None:
+    """Return what defined the frames of a fit by joint values alone, None where nothing did.
+
+    One that moves is seen from there as a motion of all the others.
+    """
+    mechanism = fit.problem.mechanism
+    held, seen = seen_from_frames(mechanism.with_values(fit.state.g), fit.problem.datasets,
+                                  fit.problem.free)
+    if not held:
+        return None
+    scale = natural_units(mechanism, held)
+    return DefiningParameters(tuple(mechanism.names[p] for p in held), scale, (seen * scale).T)
 
 
 def _with_left_out(fit: Fit) -> Fit:

@@ -8,9 +8,17 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from ppmcal.calibration.fit import Fit, SessionKnowledge, data_rows, half_interval, half_or, of_data
+from ppmcal.calibration.fit import (
+    DefiningParameters,
+    Fit,
+    SessionKnowledge,
+    data_rows,
+    half_interval,
+    half_or,
+    of_data,
+)
 from ppmcal.calibration.knowledge import Considered, Estimate
-from ppmcal.calibration.sessions import session_knowledge
+from ppmcal.calibration.sessions import defining_parameters, session_knowledge
 from ppmcal.calibration.validation import Dependence, Identification
 from ppmcal.codec import in_units
 from ppmcal.io.pose_fields import factors
@@ -222,7 +230,8 @@ class CovarianceEntry(Part):
     ``data_matrix``, ``data_right``: what the data alone say of steps of the parameters, |matrix s -
     right|^2, white by the stated noise, as ``inflation`` is a factor on that; ``held``: what was
     not fitted, which the matrix takes for exact, though it may be off by ``held_sigma``;
-    ``held_moved``: by how much each column errs with the error of each.
+    ``held_moved``: by how much each column errs with the error of each; ``defining``: what defines
+    the frames of a machine that calibrates itself, missing where nothing does.
     """
 
     names: tuple[Text, ...] = ()
@@ -237,6 +246,7 @@ class CovarianceEntry(Part):
     held: Annotated[tuple[Text, ...] | None, Key("held.names", whole=True)] = None
     held_sigma: Annotated[Numbers, Key("held.sigma")] = ()
     held_moved: Annotated[tuple[Numbers, ...], Key("held.moved")] = ()
+    defining: DefiningParameters | None = None
 
     @classmethod
     def of(cls, result: Identification) -> CovarianceEntry:
@@ -249,14 +259,14 @@ class CovarianceEntry(Part):
                       for w, u in zip(fit.prior.tolist(), f.tolist(), strict=True))
         about = {d.name: o.about
                  for d, o in zip(fit.problem.datasets, fit.problem.opens, strict=True)}
-        session = in_units(session_knowledge(fit),
-                           MachineUnits.of(result.mechanism, result.columns[:count]))
+        of_machine = MachineUnits.of(result.mechanism, result.columns[:count])
+        session, defining = in_units((session_knowledge(fit), defining_parameters(fit)), of_machine)
         return cls.filled(
             None, units, names=result.columns, prior=prior, inflation=fit.noise,
             data_matrix=matrix * f[:count] * fit.noise, data_right=right * fit.noise,
             unit_of_parameters=fit.scale[:count] / f[:count], session=session,
             matrix=result.covariance / np.outer(f, f), frames_turn_about=about,
-            **_held(kept, result.mechanism, f))
+            **_held(kept, result.mechanism, f), **({"defining": defining} if defining else {}))
 
 
 def _held(kept: Considered | None, mechanism: Mechanism, columns: Array) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ppmcal.calibration.compensation import ParameterCovariance
-from ppmcal.calibration.fit import Posterior, SessionKnowledge
+from ppmcal.calibration.fit import DefiningParameters, Posterior, SessionKnowledge
 from ppmcal.calibration.knowledge import Considered
 from ppmcal.calibration.sessions import SESSION
 from ppmcal.calibration.validation import DoubtfulStretch
@@ -131,6 +131,7 @@ def read_posterior(path: Path, mechanism: Mechanism) -> Posterior:
         value = _values(record, names)
         inputs = tables_of(record)
         session = _session(covariance.session, mechanism, names)
+        defining = _defining(covariance.defining, mechanism, names)
         rows = known_in(record, mechanism)
     except _Incomplete as error:
         raise _no_such(path, AGAIN) from error
@@ -142,7 +143,7 @@ def read_posterior(path: Path, mechanism: Mechanism) -> Posterior:
     factor = np.array([column_factor(mechanism, n) for n in names])
     return Posterior(tuple(mechanism.names.index(n) for n in names), value * factor,
                      matrix / factor, right, tolerance * factor, scale * factor, inflation,
-                     inputs, str(path), session, rows)
+                     inputs, str(path), session, rows, defining=defining)
 
 
 def check_data_not_reused(before: Posterior, source: Mapping[str, Any]) -> None:
@@ -320,6 +321,22 @@ def _session(entry: SessionKnowledge | None, mechanism: Mechanism, parameters: S
             and np.all(found.scale > 0.0) and found.noise >= 0.0 and found.spread >= 0.0
             and math.isfinite(found.degrees)
             and all(len(s.q) == len(s.rest) and np.isfinite(s.rest).all() for s in found.sights)):
+        raise _Incomplete
+    return found
+
+
+def _defining(entry: DefiningParameters | None, mechanism: Mechanism, parameters: Sequence[str]
+              ) -> DefiningParameters | None:
+    """Return what defined the frames, SI; None in files of older versions, too."""
+    if entry is None:
+        return None
+    _part(entry, "names", "scale", "seen")
+    if not set(entry.names) <= set(mechanism.names) - set(parameters):
+        raise _Incomplete
+    found = _in_si(entry, MachineUnits.of(mechanism, parameters))
+    if not (found.seen.shape == (len(found.names), len(parameters))
+            and np.isfinite(found.seen).all() and np.all(found.scale > 0.0)
+            and len(set(found.names)) == found.scale.size == len(found.names)):
         raise _Incomplete
     return found
 
