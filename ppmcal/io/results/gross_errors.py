@@ -53,10 +53,10 @@ def row_sentences(rows: Sequence[LeftOutRow],
                   would: Mapping[str, Mapping[str, float | None]], mechanism: Mechanism
                   ) -> list[str]:
     """Return which rows were left out, what for, and what they would change."""
-    out = [f"  {r.dataset}, row {r.row}: {r.coordinate} {_six(r.value)} {r.unit}, where "
-           + (f"its repeats say {_six(r.predicted)} {r.unit} ({_six(r.times, 3)} times their "
-              "scatter)." if r.repeats else
-              f"the others say {_six(r.predicted)} {r.unit} ({_six(r.times, 3)} times the noise).")
+    out = [f"  {r.dataset}, row {r.row}: {r.coordinate} {_of(r.value, r)}, where "
+           + (f"its repeats say {_of(r.predicted, r)} ({_six(r.times, 3)} times their scatter)."
+              if r.repeats else
+              f"the others say {_of(r.predicted, r)} ({_six(r.times, 3)} times the noise).")
            + _slack(r)
            for r in sorted(rows, key=lambda r: -(r.times or 0.0))[:SHOWN]]
     if len(rows) > SHOWN:
@@ -79,6 +79,10 @@ def _left_out(error: GrossError, mechanism: Mechanism) -> LeftOutRow:
                              coordinate=error.number or POSE_COORDINATES[error.coordinate],
                              unit=unit, **({"may_be_slack": error.slack} if error.slack else {}),
                              **({"repeats": True} if error.joint else {}))
+
+
+def _of(value: float | None, row: LeftOutRow) -> str:
+    return f"{_six(value)} {row.unit}".rstrip()
 
 
 def _slack(row: LeftOutRow) -> str:
