@@ -105,7 +105,7 @@ def test_places_read_once_are_judged_as_they_were(tmp_path, monkeypatch: pytest.
 
 def weights(*white: float) -> Array:
     """Return the weights of readings of one place that miss so many millimetres."""
-    return KNOWN.weights(np.array([[w, 0.0] for w in white]) / NOISE)[0]
+    return KNOWN.weights(np.array([[w, 0.0] for w in white]) / NOISE, np.zeros(len(white)))[0]
 
 
 def test_most_readings_of_a_place_say_which_is_wrong_however_far_the_place_is_off():
@@ -123,6 +123,16 @@ def test_readings_within_their_scatter_belong():
     rng = np.random.default_rng(5)
     for _ in range(50):
         assert weights(*(2.0 + NOISE * rng.normal(size=4))).min() > 0.5
+
+
+def test_each_place_is_judged_by_itself_and_a_reading_alone_by_none():
+    white = np.array([[0.0, 1.0], [5.0, 0.0], [0.1, 0.9], [90.0, 0.0], [5.0, 0.1]])
+    weight, times = KNOWN.weights(white, np.array([7, 3, 7, 2, 3]))
+    for place in ([0, 2], [1, 4]):
+        alone = KNOWN.weights(white[place], np.zeros(2, dtype=np.int64))
+        assert weight[place] == pytest.approx(alone[0])
+        assert times[place] == pytest.approx(alone[1])
+    assert weight[3] == 1.0 and np.isnan(times[3])
 
 
 def test_a_reading_that_differs_in_one_joint_is_of_its_place():

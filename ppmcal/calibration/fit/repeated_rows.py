@@ -106,9 +106,7 @@ def _of_data(fit: Fit, n: int, rows: Bools, factor: float) -> RepeatedRows:
     data = fit.problem.datasets[n]
     same = repeats(data) if data.kind.blind else np.arange(len(data))
     out = RepeatedRows(np.ones(len(data)), np.full(len(data), np.nan), same)
-    if np.unique(same).size == same.size:
-        return out
-    found = repeats_scatter(fit, n, same)
+    found = repeats_scatter(fit, n, same) if data.kind.blind else None
     if found is None:
         return out
     noise = max(found[0], _digits(data, fit.problem.sigma_joints[n]))
@@ -117,10 +115,7 @@ def _of_data(fit: Fit, n: int, rows: Bools, factor: float) -> RepeatedRows:
     rho = noise**2 / max(factor**2 - noise**2, NO_PLACES * noise**2)
     index, white = _white(fit, n, rows & finite_rows(fit.state.poses[n]))
     known = _Known(found[1], int(fit.keep[n].sum()), fit.problem.mechanism.surplus, rho)
-    order = np.argsort(same[index], kind="stable")
-    for own in np.split(order, np.flatnonzero(np.diff(same[index][order])) + 1):
-        if own.size > 1:
-            out.weight[index[own]], out.times[index[own]] = known.weights(white[own] / noise)
+    out.weight[index], out.times[index] = known.weights(white / noise, same[index])
     return out
 
 
@@ -147,13 +142,25 @@ class _Known:
     values: int
     rho: float
 
-    def weights(self, white: Array) -> tuple[Array, Array]:
-        """Return the weights of the readings (n, m) of one place, and how far they are off (n,)."""
-        every = np.ones(len(white))
-        square = self._by_others(white, every)
-        weight = self._belongs(square)
-        if weight.min() < BELONGS:
-            weight, square = self._of_modes(white)
+    def weights(self, white: Array, places: Ints) -> tuple[Array, Array]:
+        """Return the weights of readings (n, m) and how far they are off (n,), 1 and nan alone.
+
+        Args:
+            white: by their scatter.
+            places: a label per place (n,).
+        """
+        _, place, count = np.unique(places, return_inverse=True, return_counts=True)
+        again = np.flatnonzero(count[place] > 1)
+        total = np.zeros((count.size, white.shape[1]))
+        np.add.at(total, place, white)
+        weight, square = np.ones(len(white)), np.full(len(white), np.nan)
+        square[again] = self._far(white[again], total[place[again]] - white[again],
+                                  np.asarray(self.rho + count[place[again]] - 1.0, dtype=float))
+        weight[again] = self._belongs(square[again])
+        # most places say one thing
+        for doubtful in np.unique(place[weight < BELONGS]).tolist():
+            own = np.flatnonzero(place == doubtful)
+            weight[own], square[own] = self._of_modes(white[own])
         return weight, np.sqrt(square / self.values)
 
     def _of_modes(self, white: Array) -> tuple[Array, Array]:
@@ -178,9 +185,13 @@ class _Known:
 
     def _by_others(self, white: Array, weight: Array) -> Array:
         """Return squared distances (n,) from what the others of the place say, by their weights."""
-        others = self.rho + weight.sum() - weight
-        middle = (weight @ white - weight[:, None] * white) / others[:, None]
-        return np.asarray(np.sum((white - middle) ** 2, axis=1) / (1.0 + 1.0 / others))
+        return self._far(white, weight @ white - weight[:, None] * white,
+                         self.rho + weight.sum() - weight)
+
+    def _far(self, white: Array, others: Array, weight: Array) -> Array:
+        """Return the same from sums of others (n, m), of ``weight`` (n,) with what places have."""
+        middle = others / weight[:, None]
+        return np.asarray(np.sum((white - middle) ** 2, axis=1) / (1.0 + 1.0 / weight))
 
     def _belongs(self, square: Array) -> Array:
         return row_weights(square, np.full(square.size, float(self.values)), self.freedom,
