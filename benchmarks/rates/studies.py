@@ -72,6 +72,8 @@ STUDIES = (
           ("interval_study.py", "--quick", "--machines", "6"), but=BEFOREHAND),
     Study("safe", ("calibration",), {"docs/trust.md": ("safe",)},
           ("safe_commands.py", "--machines", "44"), but=BEFOREHAND),
+    Study("numbers", ("controllers",), {"docs/controllers.md": ("numbers",)},
+          ("number_coverage.py", "--campaigns", "16")),
     Study("plan", ("design/plan",), {"docs/plan.md": ("plan",)},
           ("plan_study.py", "--campaigns", "30")),
 )

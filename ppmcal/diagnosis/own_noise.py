@@ -12,11 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.calibration.fit import (
-    ENOUGH_REPEATS,
-    Fit,
     Problem,
     identify,
     noise_quantity,
+    repeats_scatter,
     secondary,
     typical_noise,
     with_own_noise,
@@ -26,12 +25,9 @@ from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.registration_rivals import diagnose_with_registration
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.diagnosis.wrong_files import without
-from ppmcal.inference.row_weights import row_weights
 from ppmcal.notes import NOTE, Note
 from ppmcal.wording.progress import start_stage
 
-SWEEPS = 30
-"""Rows are weighed, and their noise found, in turns so often."""
 LESS = 0.95
 """The noise is less where it falls below this part of what it was."""
 
@@ -75,39 +71,15 @@ def with_repeats_noise(problem: Problem, told: list[Note], options: DiagnosisOpt
     fit = identify(problem, options.fit)
     datasets, said = list(problem.datasets), list(told)
     for n in np.flatnonzero(alone).tolist():
-        ratio = _repeats_ratio(fit, n)
-        if ratio is None or ratio >= LESS:
+        found = repeats_scatter(fit, n, datasets[n].groups)
+        if found is None or found[0] >= LESS:
             continue
-        own = datasets[n] = replace(datasets[n].noisier(ratio), estimated=False)
+        own = datasets[n] = replace(datasets[n].noisier(found[0]), estimated=False)
         of = noise_quantity(own)
         said.append(Note(
             f"{own.name}: noise {typical_noise(own) / own.units.factor(of):.3g} "
             f"{own.units.name(of)}, as readings repeat at one place.", NOTE, "noise"))
     return replace(problem, datasets=tuple(datasets)), said
-
-
-def _repeats_ratio(fit: Fit, n: int) -> float | None:
-    """Return how readings of a data set scatter at one place, over their noise; None: too few.
-
-    A reading that does not belong makes no other one noisy.
-    """
-    data, keep = fit.problem.datasets[n], fit.keep[n] | fit.outliers[n]
-    parts = list(fit.problem.weighted(None).rows_of(n, fit.state, False, keep))
-    _, place, count = np.unique(data.groups[np.concatenate([p.index for p in parts])],
-                                return_inverse=True, return_counts=True)
-    white = np.concatenate([p.residual for p in parts])
-    mean = np.zeros((count.size, white.shape[1]))
-    np.add.at(mean, place, white / count[place][:, None])
-    part = (1.0 - 1.0 / count)[place] * white.shape[1]
-    again = part > 0.0
-    square, part = np.sum((white - mean[place]) ** 2, axis=1)[again], part[again]
-    if part.sum() < ENOUGH_REPEATS:
-        return None
-    weight, ratio = np.ones(part.size), 1.0
-    for _ in range(SWEEPS):
-        ratio = float(np.sqrt(weight @ square / (weight @ part)))
-        weight = row_weights(square / ratio**2, part, float(part.sum()), int(weight.sum()))
-    return ratio
 
 
 def _once_more(problem: Problem, own: Problem, found: Diagnosis, told: list[Note],

@@ -41,7 +41,7 @@ from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.instruments import InstrumentKind
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.model.repeats import commanded_poses, places
+from ppmcal.model.repeats import commanded_poses, places, with_misread
 from ppmcal.notes import FINDING, NOTE, Note
 from ppmcal.units import Units
 from ppmcal.wording import row_list
@@ -138,10 +138,13 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism,
     approach, more = _approach(file, table)
     to_q = second_joints(table, mechanism, joint, file.instrument.kind)
     labels = _groups(table)
-    alone = file.instrument.kind.blind and "pose" not in table.header
-    groups = commanded_poses(places(q, sigma_actuator) if alone else labels, q,
-                             (to_q, commanded), sigma_actuator,
+    blind = file.instrument.kind.blind
+    meant = labels if not blind or "pose" in table.header else places(q, sigma_actuator,
+                                                                      mechanism.surplus)
+    groups = commanded_poses(meant, q, (to_q, commanded), sigma_actuator,
                              file.instrument.kind.touches)
+    if blind:
+        groups = with_misread(groups, meant, q, sigma_actuator)
     data = Dataset(
         name=file.name or Path(source).stem, source=source, kind=file.instrument.kind,
         rows=np.arange(1, len(table) + 1, dtype=np.int64), q=q, commanded=commanded,

@@ -52,15 +52,41 @@ def commanded_poses(labels: Ints, q: Array, others: Sequence[Array | None], nois
     return out if np.array_equal(out, labels) else _in_order(out)
 
 
-def places(q: Array, noise: Array) -> Ints:
+def places(q: Array, noise: Array, surplus: int) -> Ints:
     """Return a label per place (N,) of rows that say nothing but their joint values (N, k).
 
     Rows one after the other whose joints agree within what they repeat to were read at one place.
+    Where two equations or more are ``surplus``, so were those in which one joint alone differs: the
+    others hold the platform, and still contradict each other elsewhere. That one was misread.
     """
     if len(q) < 2:
         return np.arange(len(q))
-    moved = np.any(np.abs(np.diff(q, axis=0)) > _steps(q, noise, False), axis=1)
-    return np.concatenate([[0], np.cumsum(moved)])
+    moved = np.sum(np.abs(np.diff(q, axis=0)) > _steps(q, noise, False), axis=1)
+    return np.concatenate([[0], np.cumsum(moved > (1 if surplus > 1 else 0))])
+
+
+def with_misread(groups: Ints, labels: Ints, q: Array, noise: Array) -> Ints:
+    """Return labels of places (N,) with readings that differ in one joint back at their place.
+
+    Of joint values alone these are what was measured: what is typed wrong in one of them is no
+    other place.
+
+    Args:
+        groups: as :func:`commanded_poses` tells rows of one label apart (N,).
+        labels: which rows are of one place but for their joints (N,).
+        q: joint values (N, k).
+        noise: standard deviation of the joints (k,), unit of q.
+    """
+    out, steps = groups.copy(), np.array(_steps(q, noise, False))
+    known, first, of = np.unique(groups, return_index=True, return_inverse=True)
+    several = np.unique(labels[first], return_counts=True)
+    for label in several[0][several[1] > 1].tolist():
+        rows = np.flatnonzero(labels == label)
+        own, count = np.unique(of[rows], return_counts=True)
+        main = known[own[np.argmax(count)]]
+        middle = np.median(q[rows[groups[rows] == main]], axis=0)
+        out[rows[np.sum(np.abs(q[rows] - middle) > steps, axis=1) <= 1]] = main
+    return groups if np.array_equal(out, groups) else _in_order(out)
 
 
 def _steps(told: Array, noise: Array, touched: bool) -> list[float]:

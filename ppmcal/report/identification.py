@@ -76,6 +76,9 @@ def gross_error_section(found: IdentificationRecord, units: Mapping[str, str], i
     if not out:
         return None
     note = "These rows were left out because the others contradict them."
+    if any(r.repeats for r in found.gross_errors):
+        note += (" Of a joint's reading (q_...) the others are those at the same place, and the "
+                 "noise is how they scatter.")
     return Section("Gross errors", paragraph(note, "note") + out, folded=True)
 
 

@@ -21,12 +21,13 @@ MOST_LOOKED_AT = 60
 @stage("drawing the page")
 def to_html(data: ReportData) -> str:
     """Return the report as one self-contained page."""
-    verdict = verdicts(data)
+    verdict, look = verdicts(data), _findings(data)
     chapters = [chapter(name, make) for kind in IN_ORDER for one in kind.of(data)
                 for name, make in kind.chapters(one, data)]
     chapters.append(chapter("Where this comes from", lambda: _provenance(data)))
     return page(title=title(data), lead=[] if verdict else summary(data), verdicts=verdict,
-                look=_findings(data), chapters=chapters, folders=", ".join(data.folders))
+                look=look, calm=not all_findings(data), chapters=chapters,
+                folders=", ".join(data.folders))
 
 
 def title(data: ReportData) -> str:
@@ -54,17 +55,21 @@ def all_findings(data: ReportData) -> list[tuple[str, str]]:
     Whatever the page warns of stands here: that nothing needs a closer look is said where this
     list is empty, and nowhere else.
     """
-    out = [(where, typeset(text)) for kind in IN_ORDER for one in kind.of(data)
-           for where, text in kind.findings(one, data)]
-    if not out:    # a doubt that is no finding is none the less a doubt
-        out = [(v.of, f"{line.question} {line.word}. {line.text}") for v in verdicts(data)
-               for line in v.lines if line.state != "ok"]
-    return list(dict.fromkeys(out))
+    # a doubt that is no finding is none the less a doubt
+    return _own_findings(data) or [
+        (v.of, f"{line.question} {line.word}. {line.text}") for v in verdicts(data)
+        for line in v.lines if line.state != "ok"]
+
+
+def _own_findings(data: ReportData) -> list[tuple[str, str]]:
+    """Return the same but for what the first lines of the page say themselves."""
+    return list(dict.fromkeys((where, typeset(text)) for kind in IN_ORDER for one in kind.of(data)
+                              for where, text in kind.findings(one, data)))
 
 
 def _findings(data: ReportData) -> list[str]:
-    """Return what the user must look at."""
-    items = all_findings(data)
+    """Return what the user must look at beside the first lines of the page."""
+    items = _own_findings(data)
     several = len({where for where, _ in items}) > 1
     lines = [f"{where}: {text}" if several else text for where in dict.fromkeys(w for w, _ in items)
              for text in collapse_similar([t for w, t in items if w == where],

@@ -103,7 +103,8 @@ def page(title: str, chapters: Sequence[Section], **values: Any) -> str:
     Args:
         title: of the page.
         chapters: in their order.
-        **values: ``lead`` (sentences), ``verdicts``, ``look`` (what needs a look), ``folders``.
+        **values: ``lead`` (sentences), ``verdicts``, ``look`` (what needs a look), ``calm``
+            (whether nothing does; default: there is no ``look``), ``folders``.
     """
     names = ("page", "page_tables", "plots", "page_end")
     shown = placed(chapters)
@@ -115,4 +116,4 @@ def page(title: str, chapters: Sequence[Section], **values: Any) -> str:
     return whole_page("page.html", title=title, chapters=shown, version=__version__,
                       css=Markup(css), script=Markup(template_text("page.js")), plots=plots,
                       machines=machines,
-                      **{"verdicts": (), "lead": (), **values})
+                      **{"verdicts": (), "lead": (), "calm": not values.get("look"), **values})

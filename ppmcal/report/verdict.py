@@ -16,7 +16,7 @@ from ppmcal.io.results.diagnosis_wording import cause_probability, next_step
 from ppmcal.io.results.diagnosis_wording import headline as diagnosis_headline
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import Summaries
-from ppmcal.io.results.identification_wording import noise_verdict
+from ppmcal.io.results.identification_wording import noise_verdict, noise_words
 from ppmcal.io.results.left_out_wording import gap_closed, left_out_error
 from ppmcal.io.results.parts import ErrorChange, ErrorSize
 from ppmcal.io.results.truth import ComparedMachines
@@ -224,8 +224,8 @@ def _calibrated(one: Identified, d: DiagnosisRecord | None, text: str) -> Line:
 def _certainty(one: Identified, d: DiagnosisRecord | None) -> Line:
     """Return what speaks for it: noise, what unseen poses say, what cannot be identified."""
     r = one.record
-    words, fine = noise_verdict(r.noise)
-    parts = [typeset(words)] if words else []
+    words, fine = noise_words(r.noise), noise_verdict(r.noise)[1]
+    parts = [typeset(words)] if words else []    # what that means is among the findings
     if r.noise.tight:
         parts.append("the errors are larger than the tolerances allow")
     if d is not None and d.effects:

@@ -122,6 +122,15 @@ def test_a_warning_and_the_calm_sentence_never_stand_together(name: str) -> None
     assert CALM not in to_html(data)
 
 
+@pytest.mark.parametrize(("name", "sentence"), [
+    ("sessions", "sessions disagree on 1 parameter"), ("no check of the noise",
+     "The folder does not hold a check of the noise"), ("noise", "something is missing")])
+def test_the_page_says_once_what_speaks_against_being_sure(name: str, sentence: str) -> None:
+    """What its first lines say is not in the list below them, and the other way round."""
+    page = to_html(ReportData(("x",), **WARNINGS[name]())).split("<main>")[1]
+    assert page.lower().count(sentence.lower()) == 1
+
+
 def test_without_a_warning_it_is_calm() -> None:
     data = ReportData(("x",), (fit(),), (diagnosis(effects=[EFFECT], confirmed=True),))
     assert to_json(data)["attention"] == []

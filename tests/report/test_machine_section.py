@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers import redundant
 from helpers.commands import ppmcal
 from helpers.paths import ROOT
 
@@ -14,6 +15,7 @@ import ppmcal as face
 from ppmcal.io import read_dataset, read_mechanism
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.residual_rows import row_key
+from ppmcal.io.results.scene import joint_words
 from ppmcal.io.results.scene_rows import FittedRows, placed_rows, spread_rows
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
@@ -145,6 +147,14 @@ def test_effects_are_lit_where_they_sit():
     assert [e.limbs for e in told if "backlash" in e.name] == [(1, 4)]
     assert "± 0.002" in next(e.text for e in told if "backlash" in e.name)
     assert [e.limbs for e in told if "geometry" in e.name] == [(2,)]
+
+
+def test_a_drive_that_counts_in_its_own_unit_says_how_far_that_goes(tmp_path):
+    tree = redundant.belts()
+    for limb in tree["limbs"][:2]:
+        limb["ratio"] = -37.5
+    assert joint_words(redundant.machine(tmp_path, tree)) == (
+        *2 * ("units of 37.5\u00a0mm",), "mm", "mm")
 
 
 @pytest.mark.slow

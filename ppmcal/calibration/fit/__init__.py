@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.linearisation import qr_factor as qr_factor
     from ppmcal.calibration.fit.linearisation import seen_directions as seen_directions
     from ppmcal.calibration.fit.linearisation import to_prior as to_prior
-    from ppmcal.calibration.fit.noise_estimate import ENOUGH_REPEATS as ENOUGH_REPEATS
     from ppmcal.calibration.fit.noise_estimate import FAILED_NOISE as FAILED_NOISE
     from ppmcal.calibration.fit.noise_estimate import LARGER as LARGER
     from ppmcal.calibration.fit.noise_estimate import OVERSTATED as OVERSTATED
@@ -125,6 +124,8 @@ if TYPE_CHECKING:
         significant_improvement as significant_improvement,
     )
     from ppmcal.calibration.fit.registration_freedoms import surely as surely
+    from ppmcal.calibration.fit.repeated_rows import ENOUGH_REPEATS as ENOUGH_REPEATS
+    from ppmcal.calibration.fit.repeated_rows import repeats_scatter as repeats_scatter
     from ppmcal.calibration.fit.response import Response as Response
     from ppmcal.calibration.fit.row_distances import Distances as Distances
     from ppmcal.calibration.fit.row_distances import distances as distances

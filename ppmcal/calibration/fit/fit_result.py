@@ -17,7 +17,7 @@ from ppmcal.calibration.fit.linearisation import (
     to_prior,
 )
 from ppmcal.calibration.fit.problem import Problem, State
-from ppmcal.linalg import Array, Bools, finite_rows, svd
+from ppmcal.linalg import Array, Bools, Ints, finite_rows, svd
 from ppmcal.notes import topic_of
 
 ITERATIONS = 60
@@ -59,6 +59,8 @@ class Fit:
         keep: rows used, by data set.
         iterations, converged: of the loop.
         times: by how many times the noise each row that was left out is off, by data set.
+        repeated: of those that were left out because of their repeats, which these are: their times
+            are of the scatter of repeats.
         noise_factor: robust scale of the residuals over the stated noise, at least 1 (D,).
         prior_scale: factor on the tolerances that generalised cross-validation chose.
         stopped: where a fit was ended on purpose before it had converged, in words.
@@ -78,6 +80,7 @@ class Fit:
     converged: bool
     noise_factor: Array = field(default_factory=lambda: np.ones(1))
     times: tuple[dict[int, float], ...] = ()
+    repeated: tuple[dict[int, Ints], ...] = ()
     prior_scale: float = 1.0
     stopped: str = ""
     noise: float = 1.0

@@ -29,6 +29,7 @@ from ppmcal.calibration.fit.linearisation import (
 )
 from ppmcal.calibration.fit.observation import noise_quantity, typical_noise
 from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.fit.repeated_rows import ENOUGH_REPEATS
 from ppmcal.linalg import Array, Bools, svd
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.repeats import repeats
@@ -161,8 +162,6 @@ def _scaled(datasets: Sequence[Dataset], factor: Array) -> tuple[Dataset, ...]:
     return tuple(d.noisier(f) for d, f in zip(datasets, factor.tolist(), strict=True))
 
 
-ENOUGH_REPEATS = 30
-"""Degrees of freedom of repeats from which they, not the stated sigma, are the noise."""
 FAILED_NOISE = 1e-3
 """The noise check fails below this p-value, on either side."""
 OVERSTATED = 0.5

@@ -17,7 +17,8 @@ from ppmcal.calibration.fit.row_distances import Distances, explained_distances
 from ppmcal.calibration.fit.white_rows import Rows
 from ppmcal.inference.priors import MOST_GROSS
 from ppmcal.kinematics.registration import measured_pose
-from ppmcal.linalg import Array, Bools
+from ppmcal.linalg import Array, Bools, Ints
+from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import stage
 
@@ -40,6 +41,9 @@ class GrossError:
         times: how far, in standard deviations of the noise that the rows show.
         number: what an instrument of one number calls it; of limbs that contradict each other
             which is farthest from closing, ``gap_leg1``, with its gap.
+        joint: where repeats of the row say that it is wrong, the joint that is farthest from what
+            they say, an actuator; ``value``, ``predicted``: of the joint, SI, and ``times`` of the
+            scatter of repeats.
         slack: limbs, ropes, that the sign of one contradiction a row lets be slack: they read
             longer than the others let them be.
     """
@@ -52,6 +56,7 @@ class GrossError:
     times: float
     number: str = ""
     slack: tuple[str, ...] = ()
+    joint: str = ""
 
 
 @dataclass(frozen=True)
@@ -105,6 +110,10 @@ def _left_out(fit: Fit) -> Iterator[GrossError]:
             # as it was judged, and where nobody did as it is
             times = (fit.times[rows.dataset] if fit.times else {}).get(
                 index, float(abs(rows.residual[n, c])))
+            again = (fit.repeated[rows.dataset] if fit.repeated else {}).get(index)
+            if again is not None and again.size:
+                yield _against_repeats(fit, data, index, again, times)
+                continue
             if c >= len(places):
                 name, gap = _widest(gaps[n], fit.problem.mechanism)
                 slack = _may_be_slack(gaps[n], fit.problem.mechanism) if data.kind.blind else ()
@@ -120,6 +129,16 @@ def _left_out(fit: Fit) -> Iterator[GrossError]:
             name = data.kind.number if data.kind.of_poses else data.kind.columns(motion)[c]
             yield GrossError(data.name, int(data.rows[index]), places[c], value, predicted, times,
                              name)
+
+
+def _against_repeats(fit: Fit, data: Dataset, index: int, again: Ints, times: float) -> GrossError:
+    """Return what is wrong with a row of joint values that others at its place tell, ``again``."""
+    middle = np.median(data.q[again], axis=0)
+    sigma = fit.problem.sigma_joints[fit.problem.datasets.index(data)]
+    joint = int(np.argmax(np.abs(data.q[index] - middle) / np.maximum(sigma, 1e-300)))
+    name = fit.problem.mechanism.actuators[joint]
+    return GrossError(data.name, int(data.rows[index]), 0, float(data.q[index, joint]),
+                      float(middle[joint]), times, f"q_{name}", joint=name)
 
 
 def _gaps(rows: Rows) -> Array:

@@ -22,10 +22,11 @@ from ppmcal.calibration.fit.fit_result import (
 from ppmcal.calibration.fit.gauss_newton import Minimum, least_squares
 from ppmcal.calibration.fit.linearisation import SquareRootInformation, column_scale, qr_factor
 from ppmcal.calibration.fit.problem import Problem, State
+from ppmcal.calibration.fit.repeated_rows import RepeatedRows, by_repeats
 from ppmcal.calibration.fit.row_distances import Distances, distances
 from ppmcal.calibration.fit.unsolved_rows import NO_POSE
 from ppmcal.inference.priors import NO_WEIGHT
-from ppmcal.linalg import Array, Bools, finite_rows
+from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.notes import NOTE, Note
 
 log = logging.getLogger(__package__)
@@ -73,6 +74,9 @@ WHOLE, SETTLED = 0.05, 1e-5
 """Rows weigh alike where their weights would move no estimate by so many of its standard
 deviations; and weights stay that would move none by so many any more."""
 
+NOISE_OF = {False: "noise", True: "scatter of its repeats"}
+"""By what a row is judged that is left out, whether or not that is its repeats."""
+
 
 def weighed(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array],
             options: FitOptions) -> Fit:
@@ -89,7 +93,9 @@ def weighed(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array],
     for _ in range(ROUNDS):
         found = distances(fit.problem, fit.state, prediction_covariance(fit), fit.keep)
         factor = found.factor(fit.keep)
-        weights = found.weights(fit.keep, factor)
+        again = by_repeats(fit, rows, factor)
+        weights = [w * a.weight for w, a in
+                   zip(found.weights(fit.keep, factor), again, strict=True)]
         keep = [r & finite_rows(pose) & (w >= float(NO_WEIGHT))
                 for r, pose, w in zip(rows, fit.state.poses, weights, strict=True)]
         weights = [np.where(k, w, 1.0) for k, w in zip(keep, weights, strict=True)]
@@ -105,7 +111,7 @@ def weighed(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array],
         fit = fit_rows(fit.problem, fit.state, fit.keep, fit.reasons, fit.prior, options,
                        fit.prior_scale)
     # the steps of the search: those after it follow the weights
-    return replace(_explained(fit, rows, found, factor), iterations=first.iterations,
+    return replace(_explained(fit, rows, found, factor, again), iterations=first.iterations,
                    summed=first.summed)
 
 
@@ -118,20 +124,28 @@ def _moves(fit: Fit, found: Distances, factor: Array, keep: Sequence[Bools],
         for w, o, d, k, f in zip(weights, others, found.square, keep, factor, strict=True)]))
 
 
-def _explained(fit: Fit, rows: Sequence[Bools], found: Distances, factor: Array) -> Fit:
+def _explained(fit: Fit, rows: Sequence[Bools], found: Distances, factor: Array,
+               again: Sequence[RepeatedRows]) -> Fit:
     """Return the fit with the reasons for which some of the rows (N,) are left out."""
-    reasons: list[dict[int, str]] = []
-    times: list[dict[int, float]] = []
-    for own, away, some, keep, pose in zip(fit.reasons, found.over_noise(factor), rows, fit.keep,
-                                           fit.state.poses, strict=True):
+    reasons, times = list[dict[int, str]](), list[dict[int, float]]()
+    beside = list[dict[int, Ints]]()
+    for own, away, weight, repeated, some, keep, pose in zip(
+            fit.reasons, found.over_noise(factor), found.weights(fit.keep, factor), again, rows,
+            fit.keep, fit.state.poses, strict=True):
         gone = np.flatnonzero(some & ~keep).tolist()
         solved = finite_rows(pose)
-        times.append({n: float(away[n]) for n in gone})
+        # repeats say which joint it is, and by how much
+        by_repeats = (repeated.weight < float(NO_WEIGHT)) | (repeated.weight < weight)
+        far = np.where(by_repeats, repeated.times, away)
+        times.append({n: float(far[n]) for n in gone})
+        beside.append({n: np.flatnonzero(keep & (repeated.place == repeated.place[n]))
+                       for n in gone if by_repeats[n] and solved[n]})
         kept = {n: why for n, why in own.items() if not keep[n]}
         reasons.append({**kept, **{
-            n: Note(f"{OUTLIER}: {away[n]:.1f} times the noise", NOTE, OUTLIER) if solved[n]
-            else NO_POSE for n in gone}})
-    return replace(fit, noise_factor=factor, reasons=tuple(reasons), times=tuple(times))
+            n: Note(f"{OUTLIER}: {far[n]:.1f} times the {NOISE_OF[n in beside[-1]]}", NOTE,
+                    OUTLIER) if solved[n] else NO_POSE for n in gone}})
+    return replace(fit, noise_factor=factor, reasons=tuple(reasons), times=tuple(times),
+                   repeated=tuple(beside))
 
 
 def _found_again(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array]) -> State:

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from ppmcal.calibration.fit import GrossError, GrossErrors, HomingShift, UncheckedRows, half_or
 from ppmcal.io.results.parts import LeftOutRow
-from ppmcal.io.results.units import column_factor, parameter_unit
+from ppmcal.io.results.units import JOINT, MachineUnits, column_factor, parameter_unit
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.wording import abbreviate_list
@@ -53,8 +53,10 @@ def row_sentences(rows: Sequence[LeftOutRow],
                   would: Mapping[str, Mapping[str, float | None]], mechanism: Mechanism
                   ) -> list[str]:
     """Return which rows were left out, what for, and what they would change."""
-    out = [f"  {r.dataset}, row {r.row}: {r.coordinate} {_six(r.value)} {r.unit}, where the "
-           f"others say {_six(r.predicted)} {r.unit} ({_six(r.times, 3)} times the noise)."
+    out = [f"  {r.dataset}, row {r.row}: {r.coordinate} {_of(r.value, r)}, where "
+           + (f"its repeats say {_of(r.predicted, r)} ({_six(r.times, 3)} times their scatter)."
+              if r.repeats else
+              f"the others say {_of(r.predicted, r)} ({_six(r.times, 3)} times the noise).")
            + _slack(r)
            for r in sorted(rows, key=lambda r: -(r.times or 0.0))[:SHOWN]]
     if len(rows) > SHOWN:
@@ -71,10 +73,16 @@ def gross_rows(found: GrossErrors, mechanism: Mechanism) -> tuple[LeftOutRow, ..
 
 
 def _left_out(error: GrossError, mechanism: Mechanism) -> LeftOutRow:
-    return LeftOutRow.filled(error, mechanism.units,
+    unit = JOINT + error.joint if error.joint else (
+        "length" if error.coordinate < 3 else "angle")
+    return LeftOutRow.filled(error, MachineUnits.of(mechanism),
                              coordinate=error.number or POSE_COORDINATES[error.coordinate],
-                             unit="length" if error.coordinate < 3 else "angle",
-                             **({"may_be_slack": error.slack} if error.slack else {}))
+                             unit=unit, **({"may_be_slack": error.slack} if error.slack else {}),
+                             **({"repeats": True} if error.joint else {}))
+
+
+def _of(value: float | None, row: LeftOutRow) -> str:
+    return f"{_six(value)} {row.unit}".rstrip()
 
 
 def _slack(row: LeftOutRow) -> str:

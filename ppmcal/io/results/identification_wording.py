@@ -13,18 +13,21 @@ TERMS = 6
 
 def noise_verdict(noise: Noise) -> tuple[str, bool]:
     """Return what the residuals say about the noise, and whether that is fine."""
+    words, state = noise_words(noise), noise.state
+    if words and state == LARGER:
+        return f"{words}: something is missing in the model, or sigma is too small", False
+    if words and state == SMALLER:
+        return f"{words}: sigma looks too large", False
+    return words, True
+
+
+def noise_words(noise: Noise) -> str:
+    """Return the same without what it means, empty where the noise was not checked."""
     ratio, p = noise.sigma_ratio, noise.chi2_p
     tail = ", ".join([f"ratio {ratio:.3g}"] * math.isfinite(ratio)
                      + [chance(p)] * math.isfinite(p))
-    if not tail:
-        return "", True
-    state, source = noise.state, noise.source
-    if state == LARGER:
-        return (f"residuals exceed the {source} noise ({tail}): something is missing in the "
-                "model, or sigma is too small"), False
-    if state == SMALLER:
-        return f"residuals are below the {source} noise ({tail}): sigma looks too large", False
-    return f"residuals are consistent with the {source} noise ({tail})", True
+    are = {LARGER: "exceed", SMALLER: "are below"}.get(noise.state, "are consistent with")
+    return f"residuals {are} the {noise.source} noise ({tail})" if tail else ""
 
 
 SHORT = {

@@ -94,7 +94,8 @@ class LeftOutRow(Part):
     """A row that a fit left out, by its number in the CSV, and why.
 
     Of a gross error, what it says, ``unit``, and what the others predict there; ``times``: how far
-    apart, in standard deviations; ``may_be_slack``: ropes that may have been.
+    apart, in standard deviations; ``may_be_slack``: ropes that may have been; ``repeats``: it is
+    a joint's reading, and those at the same place are the others, whose scatter counts.
     """
 
     dataset: Text = ""
@@ -106,3 +107,4 @@ class LeftOutRow(Part):
     unit: Text = ""
     times: Finite | None = None
     may_be_slack: tuple[Text, ...] = ()
+    repeats: bool = False

@@ -59,7 +59,8 @@ class Scene(Part):
     """A machine, if need be with a second one over it, and measured rows.
 
     Attributes:
-        coordinates, coordinate_units: of every pose; actuators, joint_units: of every q.
+        coordinates, coordinate_units: of every pose; actuators, joint_units: of every q, in words
+            where a drive counts in its own, such as revolutions.
         flat: whether all of it lies in the x-y plane.
         still: coordinates that are not moved among the poses.
         machines: the one that is drawn, then the one that is laid over it.
@@ -131,7 +132,7 @@ class Scene(Part):
             units=units, reach=reach, coordinates=mechanism.coordinates,
             coordinate_units=tuple(units.name(coordinate_quantity(c))
                                    for c in mechanism.coordinates),
-            actuators=mechanism.actuators, joint_units=tuple(u for _, u in mechanism.joint_units),
+            actuators=mechanism.actuators, joint_units=joint_words(mechanism),
             still=() if sweep.lost else tuple(POSE_COORDINATES[c] for c in sweep.still),
             machines=tuple(drawn), about_home=about, magnification=_of_machines(reach, drawn),
             error_magnification=_of_errors(reach, measured, [m.error for m in measured]),
@@ -139,6 +140,17 @@ class Scene(Part):
                                                   [m.error_before for m in measured]),
             measured=rows, value=value, value_unit=value_unit, turn_unit=units.name("angle"),
             effects=tuple(effects), notes=(*notes, *_own_notes(mechanism, effects)))
+
+
+def joint_words(mechanism: Mechanism) -> tuple[str, ...]:
+    """Return the unit of each joint value; of one with a drive ratio how far a unit goes."""
+    def own(ratio: float, quantity: str) -> str:
+        return mechanism.units.words(ratio, quantity, 4).replace(" ", "\N{NO-BREAK SPACE}")
+
+    return tuple(name or f"units of {own(ratio, quantity)}"
+                 for (_, name), ratio, quantity in zip(
+                     mechanism.joint_units, mechanism.joint_ratios.tolist(),
+                     mechanism.actuator_quantity, strict=True))
 
 
 def _own_notes(mechanism: Mechanism, effects: Sequence[SceneEffect]) -> tuple[Note, ...]:

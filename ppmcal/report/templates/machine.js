@@ -175,7 +175,7 @@
       M.table(find("coordinates"), "Platform", ["pose", ...heads, "unit"], rows(scene.coordinates,
         frame.pose, second && second.pose, home.pose, scene.coordinate_units));
       M.table(find("joints"), "Joint values", ["joint", "q", "from home", "unit"], scene.actuators.map(
-        (a, i) => [a, c.num(frame.q[i]), change(frame.q[i], home.q[i]), scene.joint_units[i] || "(bare)"]));
+        (a, i) => [a, c.num(frame.q[i]), change(frame.q[i], home.q[i]), scene.joint_units[i]]));
       M.lines(find("marks"), M.marks(frame).map((m) => m.text));
       M.lines(find("row-said"), M.chosenWords(c, this.keys, this.first.frames));
       this.root.dataset.chosen = this.keys.length;
