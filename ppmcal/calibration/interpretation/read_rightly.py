@@ -286,10 +286,21 @@ def refuse_columns(fit: Fit) -> None:
     Raises:
         InterpretationError: with how they are to be read.
     """
-    _refuse(zeros_elsewhere(fit.problem), fit.problem)
+    if _beyond_effects(fit):
+        _refuse(zeros_elsewhere(fit.problem), fit.problem)
     _refuse(_misreadings(replace(fit.problem, earlier=None), left_out_whole(fit)), fit.problem)
     _refuse(other_assembly(fit.problem), fit.problem)
     refuse_exchanged(fit)
+
+
+def _beyond_effects(fit: Fit) -> bool:
+    """Whether more is wrong than what belts that stretch, or other hidden effects, may leave.
+
+    They contradict a machine as smoothly as a few constants do, which may imitate them.
+    """
+    left = distances(fit.problem, fit.state).times(fit.keep)
+    away = rms(tolerances_away(fit.problem, fit.state))
+    return Score(noise=left, geometry=away).total > WORST**0.5
 
 
 def other_machine(problem: Problem, state: State) -> Interpretation | None:
