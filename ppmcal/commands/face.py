@@ -15,7 +15,6 @@ from typing import Any
 from ppmcal.commands import command, folder, functions, names, work
 from ppmcal.commands.spec import CONSOLE, Arguments, Command, Face, Refusal, Taken, taken
 from ppmcal.errors import BadInput, PpmcalError
-from ppmcal.kinematics.led_rows import keeping_led_rows
 from ppmcal.plain import LARGEST_WHOLE
 from ppmcal.store.provenance import as_json, recording
 from ppmcal.wording.progress import no_progress, reports_progress
@@ -32,7 +31,7 @@ def carry_out(spec: Command, asked: Arguments, *, progress: Any = no_progress) -
     Raises:
         BadInput, NoResult: as the command says.
     """
-    run = keeping_led_rows()(work(spec.name).run)
+    run = work(spec.name).run
     if not spec.recorded:
         return run(asked)
     options, unused = {}, asked.unused()

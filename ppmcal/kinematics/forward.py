@@ -18,12 +18,10 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal import linalg
-from ppmcal.kinematics import compiled_limbs as compiled
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.compiled_limbs import CompiledLimbs, compiled_limbs
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.least_squares_closure import newton_step
-from ppmcal.kinematics.led_rows import kept_rows
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.mechanism import Mechanism
 
@@ -164,15 +162,6 @@ def _led_by_parts(model: Model, q: Array, of: int) -> Array:
 def _by_part(model: Model, some: tuple[int, ...], q: Array, of: int, start: Array | None = None,
              start_q: Array | None = None) -> tuple[Array, Bools, Array]:
     """Return what :func:`newton` does from where some limbs lead that close the machine exactly."""
-    alone, kept = model.shift is None and model.parameters.ndim == 1, kept_rows()
-    # many rows go through compiled loops
-    if kept and alone and start is None and start_q is None and of < compiled.MANY:
-        return kept.of(model, some, q, lambda rows: _led_by(model, some, q[rows], of))
-    return _led_by(model, some, q, of, start, start_q)
-
-
-def _led_by(model: Model, some: tuple[int, ...], q: Array, of: int, start: Array | None = None,
-            start_q: Array | None = None) -> tuple[Array, Bools, Array]:
     part, driven = with_limbs(model, some)
     led = forward(part, q[:, driven], start, None if start_q is None else start_q[:, driven],
                   of).pose

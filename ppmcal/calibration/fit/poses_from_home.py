@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.led_rows import alike
 from ppmcal.linalg import Array
+from ppmcal.model.mechanism import Mechanism
 
 MOST = 16384
 """So many rows are kept: more are made by compiled loops, in less time than memory is worth."""
@@ -34,10 +34,24 @@ class PosesFromHome:
         if model.mechanism.effects or len(q) > MOST:
             return solve()
         for other, joints, poses in self.known:
-            if alike(model, other) and np.array_equal(joints, q, equal_nan=True):
+            if _alike(model, other) and np.array_equal(joints, q, equal_nan=True):
                 return poses.copy()
         poses = solve()
         self.known.append((model, q.copy(), poses.copy()))
         while sum(len(joints) for _, joints, _ in self.known) > MOST:
             del self.known[0]
         return poses
+
+
+def _alike(one: Model, other: Model) -> bool:
+    """Whether two models have their limbs, and their home, in the same places."""
+    a, b = one.mechanism, other.mechanism
+    return _defined_alike(a, b) and np.array_equal(one.parameters, other.parameters)
+
+
+def _defined_alike(a: Mechanism, b: Mechanism) -> bool:
+    """Whether nothing but what is known of the parameters differs between two machines."""
+    return a is b or (a.limbs is b.limbs and a.motion is b.motion and a.gaps == b.gaps
+                      and np.array_equal(a.home_pose, b.home_pose)
+                      and np.array_equal(a.home_q, b.home_q, equal_nan=True)
+                      and np.array_equal(a.values, b.values))
