@@ -300,7 +300,7 @@ def _beyond_effects(fit: Fit) -> bool:
     """
     left = distances(fit.problem, fit.state).times(fit.keep)
     away = rms(tolerances_away(fit.problem, fit.state))
-    return Score(noise=left, geometry=away).total > WORST**0.5
+    return bool(Score(noise=left, geometry=away).total > WORST**0.5)
 
 
 def other_machine(problem: Problem, state: State) -> Interpretation | None:
