@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import importlib
 import warnings
-from collections.abc import Iterator
 from typing import Any
 
-import numba
 import numpy as np
 import pytest
 
@@ -58,14 +56,9 @@ class Oracle:
 
 
 @pytest.fixture(scope="module")
-def oracle() -> Iterator[Oracle]:
-    """Import `clifford` once, as plain Python: compiling it takes longer than all that it does."""
-    settings: Any = numba.config
-    before, settings.DISABLE_JIT = settings.DISABLE_JIT, True
-    try:
-        yield Oracle()
-    finally:
-        settings.DISABLE_JIT = before
+def oracle() -> Oracle:
+    """Import `clifford` once."""
+    return Oracle()
 
 
 @pytest.fixture
@@ -74,6 +67,7 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(41)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("right", ["vector", "motor", "line", "full"])
 @pytest.mark.parametrize("left", ["vector", "motor", "pair", "full"])
 @pytest.mark.parametrize("kind", ["geometric", "outer", "inner"])
@@ -92,6 +86,8 @@ def test_product_is_cliffords(
         np.testing.assert_allclose(ours[index], oracle.lower(table.out, theirs), atol=1e-12)
 
 
+@pytest.mark.long_cases("scalar", "vector")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMED)
 def test_dual_and_reverse_are_cliffords(
     name: str, oracle: Oracle, rng: np.random.Generator
@@ -106,6 +102,7 @@ def test_dual_and_reverse_are_cliffords(
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["vector", "twist", "line", "pair", "full"])
 def test_sandwich_is_cliffords(name: str, oracle: Oracle, rng: np.random.Generator) -> None:
     motor = cga.motor_exp(rng.normal(size=6))
@@ -116,6 +113,7 @@ def test_sandwich_is_cliffords(name: str, oracle: Oracle, rng: np.random.Generat
     np.testing.assert_allclose(sandwich(motor, x), oracle.lower(sandwich.out, theirs), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_sandwich_by_a_reflection(oracle: Oracle, rng: np.random.Generator) -> None:
     mirror, x = cga.sphere(rng.normal(size=3), 1.3), rng.normal(size=10)
     sandwich = cga.sandwich(cga.VECTOR, cga.PAIR)
@@ -124,6 +122,7 @@ def test_sandwich_by_a_reflection(oracle: Oracle, rng: np.random.Generator) -> N
     np.testing.assert_allclose(sandwich(mirror, x), oracle.lower(sandwich.out, theirs), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_meet_is_cliffords(oracle: Oracle, rng: np.random.Generator) -> None:
     spheres = rng.normal(size=(4, 3, 5))
     spheres[1:, 0, 4] = 0.0  # the first is a plane, then two and three planes
@@ -135,6 +134,7 @@ def test_meet_is_cliffords(oracle: Oracle, rng: np.random.Generator) -> None:
         np.testing.assert_allclose(cga.meet(*triple), theirs, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_typed_vectors_are_cliffords(oracle: Oracle, rng: np.random.Generator) -> None:
     x, r = rng.normal(size=3), 0.7
     euclidean = sum(x[i] * oracle.vectors[BASIS[i]] for i in range(3))
