@@ -86,10 +86,7 @@ wheel: $(VENV)/.run
 oldest: $(VENV)/.run
 	@$(BIN)/python benchmarks/supply.py oldest
 
-# one after the other: both write what setuptools keeps of a checkout
-supply:
-	@$(MAKE) wheel
-	@$(MAKE) oldest
+supply: wheel oldest
 
 clean:
 	rm -rf $(VENV) $(OUT) build dist *.egg-info

@@ -3,6 +3,7 @@
 wheel: builds the source distribution, from that the wheel, installs it into a clean environment and
 runs the main commands in a folder of their own, with nothing of the checkout in reach.
 oldest: installs the oldest versions that pyproject.toml allows and runs a part of the tests.
+Both work in a copy, so that tests of the checkout may run beside them.
 """
 
 from __future__ import annotations
@@ -67,9 +68,21 @@ def built() -> Path:
     shutil.rmtree(out, ignore_errors=True)
     tools = environment("builder", sys.executable)
     run(tools, "-m", "pip", "install", "--quiet", "build")
-    run(tools, "-m", "build", "--outdir", str(out), str(ROOT))
+    run(tools, "-m", "build", "--outdir", str(out), str(copied("wheel-source")))
     made, = out.glob("*.whl")
     return made
+
+
+def copied(name: str) -> Path:
+    """Return a folder with the files that git knows, as they are in the checkout."""
+    folder = BUILD / name
+    shutil.rmtree(folder, ignore_errors=True)
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True,
+                            check=True).stdout.split("\0")
+    for file in filter(None, listed):
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(ROOT / file, folder / file)
+    return folder
 
 
 def complete(wheel: Path) -> None:
@@ -116,12 +129,12 @@ def oldest() -> int:
     if tuple(map(int, version)) != OLDEST:
         raise SystemExit(f"The oldest versions are those of Python {OLDEST[0]}.{OLDEST[1]}: "
                          "install it, with its venv")
-    python = environment("oldest", interpreter)
+    python, source = environment("oldest", interpreter), copied("oldest-source")
     run(python, "-m", "pip", "install", "--quiet", "uv")
     constraints = BUILD / "constraints.txt"
     constraints.write_text(OF_THEIR_TIME, encoding="utf-8")
     run(python, "-m", "uv", "pip", "install", "--quiet", "--python", python,
-        "--resolution", "lowest-direct", "--constraint", str(constraints), "-e", f"{ROOT}[test]")
+        "--resolution", "lowest-direct", "--constraint", str(constraints), "-e", f"{source}[test]")
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     for line in project["dependencies"]:
         name, lowest = line.split(">=")
@@ -129,7 +142,7 @@ def oldest() -> int:
                     "print(version(sys.argv[1]))", name).strip()
         print(f"{name} {found} (allowed from {lowest})")
     return subprocess.run([python, "-m", "pytest", "-n", "auto", "-m", "not slow", *TESTS],
-                          cwd=ROOT, env=clean_variables(), check=False).returncode
+                          cwd=source, env=clean_variables(), check=False).returncode
 
 
 def environment(name: str, interpreter: str) -> str:
