@@ -16,7 +16,7 @@ from ppmcal.calibration.interpretation.interpretation_error import FileFault, In
 from ppmcal.calibration.interpretation.limits import ALLOWED, TELLING
 from ppmcal.calibration.interpretation.score import Score, score
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.forward import newton
+from ppmcal.kinematics.forward import forward, newton
 from ppmcal.kinematics.partial_pose import pose_vector, pose_words
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism, joint_points
@@ -67,7 +67,10 @@ def _score_at(problem: Problem, pose: Array, q: Array) -> Score:
 
 
 def _assemblies(mechanism: Mechanism, q: Array) -> Iterator[Array]:
-    """Yield poses (6,) at which the nominal machine closes at joint values (k,), each once."""
+    """Yield poses (6,) at which the nominal machine closes at joint values (k,), each once.
+
+    That which home leads to is none of them.
+    """
     rng, size = np.random.default_rng(0), np.zeros((STARTS, 6))
     dof = list(mechanism.dof)
     half = np.where(np.arange(6) < 3, mechanism.reach, np.pi)
@@ -77,13 +80,16 @@ def _assemblies(mechanism: Mechanism, q: Array) -> Iterator[Array]:
     start = mechanism.home_pose + size
     along = [c for c in dof if c < 3]
     start[:, along] = (middle + size[:, :3])[:, along]
-    found, good, _ = newton(Model(mechanism).closure(np.tile(q, (STARTS, 1))),
+    model = Model(mechanism)
+    found, good, _ = newton(model.closure(np.tile(q, (STARTS, 1))),
                             cga.motor_from_rotation_vector(start[:, 3:], start[:, :3]))
-    seen: list[Array] = []
+    corners = np.vstack([np.zeros(3), np.eye(3) * mechanism.reach])
+    own = forward(model, q[None]).pose
+    seen = [cga.move_point(motor, corners) for motor in own[finite_rows(own)]]
     for motor in found[good]:
-        points = cga.move_point(motor, np.vstack([np.zeros(3), np.eye(3) * mechanism.reach]))
+        points = cga.move_point(motor, corners)
         if all(np.abs(points - other).max() > SAME * mechanism.reach for other in seen):
             seen.append(points)
             yield pose_vector(motor[None])[0]
-        if len(seen) == MOST:
+        if len(seen) > MOST:
             return

@@ -286,10 +286,12 @@ def refuse_columns(fit: Fit) -> None:
     Raises:
         InterpretationError: with how they are to be read.
     """
-    if _beyond_effects(fit):
+    beyond = _beyond_effects(fit)
+    if beyond:
         _refuse(zeros_elsewhere(fit.problem), fit.problem)
     _refuse(_misreadings(replace(fit.problem, earlier=None), left_out_whole(fit)), fit.problem)
-    _refuse(other_assembly(fit.problem), fit.problem)
+    if beyond:
+        _refuse(other_assembly(fit.problem), fit.problem)
     refuse_exchanged(fit)
 
 
