@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 import yaml
 from helpers.paths import ROOT
+from helpers.redundant import alone, belts, written
 
 import ppmcal
 from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.gauge import with_gauge
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.interpretation import InterpretationError
 from ppmcal.calibration.interpretation.assembly import other_assembly
@@ -127,3 +129,14 @@ def test_encoders_of_a_machine_that_is_assembled_mirrored_are_told_as_that():
 def test_encoders_that_are_read_rightly_are_of_no_other_assembly():
     machine, data = read_mechanism(five_bar()), encoded(five_bar())
     assert not misfit(Problem(machine, (data,), machine.free)).readings
+
+
+@pytest.mark.parametrize("strain", [0.0, 5e-4])
+def test_the_way_of_home_is_not_another_one(strain, tmp_path):
+    """Belts as home has them come to the noise, or near it where they stretch a little."""
+    path = written(tmp_path, belts())
+    scenario = alone(belts(), {"x": 900, "y": 700}, sigma=0.3, seed=12) | {"errors": {}, "effects": [
+        {"kind": "rope_stretch", "on": ["bl", "br"], "parameters": {"strain": strain}}]}
+    data = ppmcal.simulate(path, scenario).data
+    machine = with_gauge(read_mechanism(path), data)
+    assert not other_assembly(Problem(machine, data, machine.free))
