@@ -135,8 +135,8 @@ def test_encoders_that_are_read_rightly_are_of_no_other_assembly():
 def test_the_way_of_home_is_not_another_one(strain, tmp_path):
     """Belts as home has them come to the noise, or near it where they stretch a little."""
     path = written(tmp_path, belts())
-    scenario = alone(belts(), {"x": 900, "y": 700}, sigma=0.3, seed=12) | {"errors": {}, "effects": [
-        {"kind": "rope_stretch", "on": ["bl", "br"], "parameters": {"strain": strain}}]}
-    data = ppmcal.simulate(path, scenario).data
+    stretch = {"kind": "rope_stretch", "on": ["bl", "br"], "parameters": {"strain": strain}}
+    scenario = alone(belts(), {"x": 900, "y": 700}, sigma=0.3, seed=12)
+    data = ppmcal.simulate(path, scenario | {"errors": {}, "effects": [stretch]}).data
     machine = with_gauge(read_mechanism(path), data)
     assert not other_assembly(Problem(machine, data, machine.free))
