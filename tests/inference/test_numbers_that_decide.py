@@ -23,7 +23,7 @@ OTHERS = {
         "held_out_gap.DRAWS", "held_out_gap.TOGETHER", "linear_system.MOST_ROWS",
         "localization.DRAWS", "misread_columns.FEWEST", "misread_columns.LIKELY",
         "next_experiment.POSES", "next_experiment.WIDER", "onsets.NEAR", "onsets.ROUNDS",
-        "other_models.MOST_READINGS", "own_noise.LESS", "own_noise.SWEEPS", "plot_data.ITERATIONS",
+        "other_models.MOST_READINGS", "own_noise.LESS", "plot_data.ITERATIONS",
         "refit.MOST_STEPS",
         "refit.NEAR", "residual_profiles.MOST_ROWS", "residual_series.MOST_SERIES",
         "thinning.LEAST", "thinning.MOST_STRATA", "thinning.MOST_VALUES", "thinning.SAME_LOAD",
