@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from ppmcal.io.results.commands import error_sizes
 from ppmcal.notes import Note
 from ppmcal.report.html import MAX_ROWS, count, number_cell, table, text_cell, whole
@@ -43,8 +41,7 @@ def summed_up(rows: CheckedRows, _: ReportData) -> dict[str, Any]:
     out: dict[str, Any] = {"folder": rows.folder, "record": rows.record.entries()}
     if t is None:
         return out
-    good = np.ones(t.size, dtype=bool)
-    good[list(rows.flagged)] = False
+    good = rows.accepted
     out["rows"], out["accepted"] = t.size, int(good.sum())
     for name in (h for h in t.header if h.startswith(("error_", "sigma_"))):
         if found := error_sizes(t.number(name)[good]):

@@ -45,8 +45,7 @@ def compensation_section(rows: CheckedRows, lengths: Mapping[str, str]) -> Secti
     out = []
     if t is None:
         return Section("Compensation", scalars(rows.record.entries()), rows.folder)
-    good = np.ones(t.size, dtype=bool)
-    good[list(rows.flagged)] = False
+    good = rows.accepted
     out.append(paragraph(f"{accepted_sentence(int(good.sum()), t.size)}."))
     sizes = {(kind, stage): error_sizes(values[good]) for kind in KINDS
              for stage, values in predicted_errors(t, kind).items()}

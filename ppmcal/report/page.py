@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ppmcal import __version__
@@ -11,7 +11,7 @@ from ppmcal.report.html import definitions, exact, number_cell, table, text_cell
 from ppmcal.report.kinds import IN_ORDER, KINDS
 from ppmcal.report.records import ReportData
 from ppmcal.report.section import Section, chapter, page
-from ppmcal.report.verdict import verdicts
+from ppmcal.report.verdict import Verdict, verdicts
 from ppmcal.wording import collapse_similar
 from ppmcal.wording.progress import stage
 
@@ -21,12 +21,12 @@ MOST_LOOKED_AT = 60
 @stage("drawing the page")
 def to_html(data: ReportData) -> str:
     """Return the report as one self-contained page."""
-    verdict, look = verdicts(data), _findings(data)
+    verdict, own = verdicts(data), _own_findings(data)
     chapters = [chapter(name, make) for kind in IN_ORDER for one in kind.of(data)
                 for name, make in kind.chapters(one, data)]
     chapters.append(chapter("Where this comes from", lambda: _provenance(data)))
     return page(title=title(data), lead=[] if verdict else summary(data), verdicts=verdict,
-                look=look, calm=not all_findings(data), chapters=chapters,
+                look=_looked_at(own), calm=not (own or _doubts(verdict)), chapters=chapters,
                 folders=", ".join(data.folders))
 
 
@@ -55,10 +55,13 @@ def all_findings(data: ReportData) -> list[tuple[str, str]]:
     Whatever the page warns of stands here: that nothing needs a closer look is said where this
     list is empty, and nowhere else.
     """
-    # a doubt that is no finding is none the less a doubt
-    return _own_findings(data) or [
-        (v.of, f"{line.question} {line.word}. {line.text}") for v in verdicts(data)
-        for line in v.lines if line.state != "ok"]
+    return _own_findings(data) or _doubts(verdicts(data))
+
+
+def _doubts(verdict: Sequence[Verdict]) -> list[tuple[str, str]]:
+    """Return what the first lines of the page doubt: a doubt is one though it is no finding."""
+    return [(v.of, f"{line.question} {line.word}. {line.text}") for v in verdict
+            for line in v.lines if line.state != "ok"]
 
 
 def _own_findings(data: ReportData) -> list[tuple[str, str]]:
@@ -67,9 +70,8 @@ def _own_findings(data: ReportData) -> list[tuple[str, str]]:
                               for where, text in kind.findings(one, data)))
 
 
-def _findings(data: ReportData) -> list[str]:
-    """Return what the user must look at beside the first lines of the page."""
-    items = _own_findings(data)
+def _looked_at(items: Sequence[tuple[str, str]]) -> list[str]:
+    """Return findings as the page lists them, those that are alike in one."""
     several = len({where for where, _ in items}) > 1
     lines = [f"{where}: {text}" if several else text for where in dict.fromkeys(w for w, _ in items)
              for text in collapse_similar([t for w, t in items if w == where],

@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Generic, TypeAlias, TypeVar
 
+import numpy as np
+
 from ppmcal.io.csv import Table
 from ppmcal.io.results.commands import CommandsRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
@@ -21,7 +23,7 @@ from ppmcal.io.results.tolerances import TolerancesRecord
 from ppmcal.io.results.truth import ComparedMachines
 from ppmcal.io.results.validation import ValidationRecord
 from ppmcal.io.results.workspace import WorkspaceRecord
-from ppmcal.linalg import Array, Ints
+from ppmcal.linalg import Array, Bools, Ints
 
 R = TypeVar("R", bound=Record)
 DesignRecord: TypeAlias = (SensitivityRecord | TolerancesRecord | StiffnessRecord | WorkspaceRecord
@@ -120,6 +122,13 @@ class CheckedRows:
         pairs = zip(self.table.words("status"), self.table.words("reason"), strict=True)
         return tuple(i for i, (s, r) in enumerate(pairs)
                      if (s.strip().lower() not in FINE if s.strip() else bool(r.strip())))
+
+    @property
+    def accepted(self) -> Bools:
+        """The rows that went well (N,)."""
+        out = np.ones(0 if self.table is None else self.table.size, dtype=bool)
+        out[list(self.flagged)] = False
+        return out
 
 
 FINE = frozenset({"ok", "done", "good", "solved", "corrected", "compensated", "1", "true",

@@ -273,9 +273,8 @@ def refuse_after_fit(fit: Fit) -> None:
     Raises:
         InterpretationError: with how they are to be read.
     """
-    left = distances(fit.problem, fit.state).times(fit.keep)
-    if left > TELLING or left_out_whole(fit) or rms(
-            tolerances_away(fit.problem, fit.state)) > FAR:
+    found = _score_of(fit)
+    if found.noise > TELLING or left_out_whole(fit) or found.geometry > FAR:
         refuse_columns(fit)
     _refuse(wrong_rows(fit), fit.problem)
 
@@ -286,7 +285,8 @@ def refuse_columns(fit: Fit) -> None:
     Raises:
         InterpretationError: with how they are to be read.
     """
-    beyond = _beyond_effects(fit)
+    # what effects leave contradicts a machine as smoothly as a few constants do, which imitate it
+    beyond = _score_of(fit).total > WORST**0.5
     if beyond:
         _refuse(zeros_elsewhere(fit.problem), fit.problem)
     _refuse(_misreadings(replace(fit.problem, earlier=None), left_out_whole(fit)), fit.problem)
@@ -295,14 +295,10 @@ def refuse_columns(fit: Fit) -> None:
     refuse_exchanged(fit)
 
 
-def _beyond_effects(fit: Fit) -> bool:
-    """Whether more is wrong than what belts that stretch, or other hidden effects, may leave.
-
-    They contradict a machine as smoothly as a few constants do, which may imitate them.
-    """
-    left = distances(fit.problem, fit.state).times(fit.keep)
-    away = rms(tolerances_away(fit.problem, fit.state))
-    return bool(Score(noise=left, geometry=away).total > WORST**0.5)
+def _score_of(fit: Fit) -> Score:
+    """Return what a fit of all rows leaves of them, and by how much it moves the geometry."""
+    return Score(noise=distances(fit.problem, fit.state).times(fit.keep),
+                 geometry=rms(tolerances_away(fit.problem, fit.state)))
 
 
 def other_machine(problem: Problem, state: State) -> Interpretation | None:
