@@ -2,6 +2,7 @@
 
     python benchmarks/ropes_study.py --seed 921 --count 2         # names
     python benchmarks/ropes_study.py --seed 921 --coverage 200    # intervals without an instrument
+    python benchmarks/ropes_study.py --causes slipped --eta 0.5 0.5 --machines cage cage-square
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from ropes.machines import BELTS, MACHINES, Machine
+from ropes.machines import BELTS, MACHINES, SQUARE, Machine
 from ropes.world import CAUSES, NOISE, TURN_NOISE, Session, session
 from study_summary import interval
 
@@ -36,6 +37,9 @@ class Job:
     machine: str
     cause: str
     number: int
+    eta: tuple[float, float] = ETA
+    places: int = PLACES
+    repeats: int = REPEATS
 
 
 def write(machine: Machine, done: Session, folder: Path, sides: bool) -> tuple[Path, Path]:
@@ -73,9 +77,9 @@ def write(machine: Machine, done: Session, folder: Path, sides: bool) -> tuple[P
 def run(job: Job) -> dict:
     """Return what a diagnosis makes of one campaign."""
     rng = np.random.default_rng([job.seed, job.number, *job.machine.encode(), *job.cause.encode()])
-    machine, right = MACHINES[job.machine], CAUSES[job.cause][1]
-    eta = float(np.exp(rng.uniform(*np.log(ETA))))
-    done = session(machine, job.cause, eta, rng, PLACES, REPEATS)
+    machine, right = (MACHINES | SQUARE)[job.machine], CAUSES[job.cause][1]
+    eta = float(np.exp(rng.uniform(*np.log(job.eta))))
+    done = session(machine, job.cause, eta, rng, job.places, job.repeats)
     line = {"machine": job.machine, "cause": job.cause, "eta": round(eta, 2)}
     with tempfile.TemporaryDirectory() as place:
         file, data = write(machine, done, Path(place), job.cause != "none")
@@ -136,7 +140,11 @@ def main() -> None:
     arguments.add_argument("--seed", type=int, default=921)
     arguments.add_argument("--count", type=int, default=2, help="of each cause and machine")
     arguments.add_argument("--coverage", type=int, default=0, help="self-calibrations of belts")
-    arguments.add_argument("--machines", nargs="*", default=list(MACHINES))
+    arguments.add_argument("--machines", nargs="*", default=list(MACHINES),
+                           choices=[*MACHINES, *SQUARE])
+    arguments.add_argument("--eta", type=float, nargs=2, default=ETA, help="least and most")
+    arguments.add_argument("--places", type=int, default=PLACES)
+    arguments.add_argument("--repeats", type=int, default=REPEATS, help="at each place")
     arguments.add_argument("--causes", nargs="*", default=list(CAUSES))
     arguments.add_argument("--cores", type=int, default=multiprocessing.cpu_count())
     asked = arguments.parse_args()
@@ -149,8 +157,9 @@ def main() -> None:
                   f"rms {np.sqrt(np.mean(z**2)):.3f} sigma")
             return
         # where offsets are free a constant is geometry
-        jobs = [Job(asked.seed, m, c, n) for n in range(asked.count) for c in asked.causes
-                for m in asked.machines if c != "constant" or not MACHINES[m].offset]
+        jobs = [Job(asked.seed, m, c, n, tuple(asked.eta), asked.places, asked.repeats)
+                for n in range(asked.count) for c in asked.causes for m in asked.machines
+                if c != "constant" or not (MACHINES | SQUARE)[m].offset]
         lines = []
         for line in pool.imap_unordered(run, jobs):
             lines.append(line)

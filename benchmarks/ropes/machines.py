@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -79,6 +79,10 @@ CAGE = Machine("cage", "spatial", np.concatenate(
      for s, t in ((-1, -1), (1, -1), (1, 1), (-1, 1))]), 3.0, (0, 1),
     (1500.0, 1250.0, 1000.0, 0, 0, 0), (700.0, 550.0, 450.0, 0.12, 0.12, 0.12), "pose", 2.0)
 MACHINES = {m.name: m for m in (BELTS, CABLES, CAGE)}
+SQUARE = {f"{m.name}-square": replace(m, name=f"{m.name}-square", anchors=m.anchors[:count],
+                                      hooks=m.hooks[:count], pulling=())
+          for m, count in ((CABLES, 3), (CAGE, 6))}
+"""Without the ropes that are more than freedoms: none can be pulled against the others."""
 
 
 def turn(vector: Array) -> Array:

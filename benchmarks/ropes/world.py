@@ -49,7 +49,8 @@ def _curved(r: Rows) -> Array:
 
 def _shift(r: Rows) -> Array:
     late = np.arange(len(r.length)) >= int(r.rng.uniform(0.35, 0.65) * len(r.length))
-    return _one(np.where(late[:, None], 1.0, 0.0) * np.ones_like(r.length), int(r.rng.integers(4)))
+    return _one(np.where(late[:, None], 1.0, 0.0) * np.ones_like(r.length),
+                int(r.rng.integers(min(4, r.length.shape[1]))))
 
 
 def _wave(r: Rows) -> Array:

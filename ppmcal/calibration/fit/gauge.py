@@ -100,9 +100,8 @@ def by_defining(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequenc
 
     An error of a held parameter is a motion of its frame: seen from there the others are off.
     """
-    every = (*free, *mechanism.defining)
-    moves = _motions(replace(mechanism, free=every), datasets)[0]
-    return np.asarray(moves[:len(free)] @ linalg.pinv(moves[len(free):]))
+    others, own, _ = _moves_of(mechanism, datasets, free, mechanism.defining)
+    return np.asarray(others @ linalg.pinv(own))
 
 
 def seen_from_frames(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[int]
@@ -117,15 +116,20 @@ def seen_from_frames(mechanism: Mechanism, datasets: Sequence[Dataset], free: Se
         return (), np.zeros((len(free), 0))
     held = sorted({p for limb in mechanism.limbs for end in ("base", "platform")
                    for p in limb.slots.feeds_point(limb.kind.point(end))} - set(free))
-    every = (*free, *held)
-    moves, size = _motions(replace(mechanism, free=every), datasets)
-    others, own = moves[:len(free)], moves[len(free):]
+    others, own, size = _moves_of(mechanism, datasets, free, held)
     back = linalg.pinv(own)
     alone = np.abs(own @ back - np.eye(len(held))).max(axis=0, initial=0.0) < UNSEEN
     seen = -others @ back
     seen[size[:len(free), None] * np.abs(seen) < UNSEEN * size[len(free):]] = 0.0
     good = alone & seen.any(axis=0)
     return tuple(p for p, g in zip(held, good, strict=True) if g), np.asarray(seen[:, good])
+
+
+def _moves_of(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[int],
+              held: Sequence[int]) -> tuple[Array, Array, Array]:
+    """Return motions of the frames in parameters ``free`` (F, M) and ``held`` (H, M), and sizes."""
+    moves, size = _motions(replace(mechanism, free=(*free, *held)), datasets)
+    return moves[:len(free)], moves[len(free):], size
 
 
 def by_frames(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[int],
