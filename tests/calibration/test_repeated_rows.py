@@ -11,7 +11,7 @@ from helpers import redundant
 import ppmcal
 from ppmcal.calibration.fit.fit_result import Fit, FitOptions
 from ppmcal.calibration.fit.fitting import identify
-from ppmcal.calibration.fit.outliers import find_gross_errors
+from ppmcal.calibration.fit.outliers import contradictions, find_gross_errors
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.fit.repeated_rows import _Known
 from ppmcal.inference.priors import NO_WEIGHT
@@ -119,6 +119,35 @@ def test_of_two_readings_what_places_add_says_which_is_wrong_or_nobody_does():
     assert weights(-4.5, 4.5) == pytest.approx([0.5, 0.5], abs=0.02)
 
 
+def test_readings_are_unsure_where_one_is_wrong_and_nothing_tells_which():
+    def unsure(*white: float) -> list[bool]:
+        return KNOWN.weights(np.array([[w, 0.0] for w in white]) / NOISE,
+                             np.zeros(len(white)))[2].tolist()
+
+    assert unsure(-4.5, 4.5) == [True, True]
+    assert unsure(0.1, 9.0) == unsure(0.1, 0.2) == [False, False]
+    assert not any(unsure(0.0, 0.1, 9.0, -0.1))
+
+
+@pytest.mark.slow
+def test_two_readings_that_contradict_each_other_are_a_finding(tmp_path):
+    q = np.concatenate([readings(334, read=2), readings(335, read=2)])
+    fit = fitted(tmp_path, q)
+    assert not contradictions(fit)
+    # one belt reads as much too long as too short of where all four meet
+    at, g = fit.state.poses[0][6, :2], fit.state.g
+    anchors = np.array([g[[fit.problem.mechanism.names.index(f"{n}.base.point.{a}") for a in "xy"]]
+                        for n in BELTS])
+    q[6:8] = 1e3 * np.linalg.norm(at - anchors, axis=1)
+    q[6:8, 2] += [4.5, -4.5]
+    fit = fitted(tmp_path, q)
+    assert not fit.outliers[0].any()
+    told, = contradictions(fit)
+    assert "rows 7, 8 were read at one place" in told and "most in q_tr;" in told
+    weight = fit.problem.weights[0]
+    assert weight[6:8].max() < 0.95 and weight[6:8].sum() == pytest.approx(1.0, abs=0.05)
+
+
 def test_readings_within_their_scatter_belong():
     rng = np.random.default_rng(5)
     for _ in range(50):
@@ -127,7 +156,7 @@ def test_readings_within_their_scatter_belong():
 
 def test_each_place_is_judged_by_itself_and_a_reading_alone_by_none():
     white = np.array([[0.0, 1.0], [5.0, 0.0], [0.1, 0.9], [90.0, 0.0], [5.0, 0.1]])
-    weight, times = KNOWN.weights(white, np.array([7, 3, 7, 2, 3]))
+    weight, times, _ = KNOWN.weights(white, np.array([7, 3, 7, 2, 3]))
     for place in ([0, 2], [1, 4]):
         alone = KNOWN.weights(white[place], np.zeros(2, dtype=np.int64))
         assert weight[place] == pytest.approx(alone[0])

@@ -85,6 +85,7 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.outliers import GrossError as GrossError
     from ppmcal.calibration.fit.outliers import GrossErrors as GrossErrors
     from ppmcal.calibration.fit.outliers import UncheckedRows as UncheckedRows
+    from ppmcal.calibration.fit.outliers import contradictions as contradictions
     from ppmcal.calibration.fit.outliers import find_gross_errors as find_gross_errors
     from ppmcal.calibration.fit.outliers import gross_errors as gross_errors
     from ppmcal.calibration.fit.outliers import gross_mask as gross_mask

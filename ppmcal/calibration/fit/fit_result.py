@@ -61,6 +61,8 @@ class Fit:
         times: by how many times the noise each row that was left out is off, by data set.
         repeated: of those that were left out because of their repeats, which these are: their times
             are of the scatter of repeats.
+        contradicting: rows in use that were read at one place and of which one does not belong,
+            nobody knows which: their indices, place by place, by data set.
         noise_factor: robust scale of the residuals over the stated noise, at least 1 (D,).
         prior_scale: factor on the tolerances that generalised cross-validation chose.
         stopped: where a fit was ended on purpose before it had converged, in words.
@@ -81,6 +83,7 @@ class Fit:
     noise_factor: Array = field(default_factory=lambda: np.ones(1))
     times: tuple[dict[int, float], ...] = ()
     repeated: tuple[dict[int, Ints], ...] = ()
+    contradicting: tuple[tuple[Ints, ...], ...] = ()
     prior_scale: float = 1.0
     stopped: str = ""
     noise: float = 1.0

@@ -20,6 +20,8 @@ from ppmcal.kinematics.registration import measured_pose
 from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
+from ppmcal.wording import abbreviate_list
 from ppmcal.wording.progress import stage
 
 UNCHECKED = 0.1
@@ -134,11 +136,30 @@ def _left_out(fit: Fit) -> Iterator[GrossError]:
 def _against_repeats(fit: Fit, data: Dataset, index: int, again: Ints, times: float) -> GrossError:
     """Return what is wrong with a row of joint values that others at its place tell, ``again``."""
     middle = np.median(data.q[again], axis=0)
-    sigma = fit.problem.sigma_joints[fit.problem.datasets.index(data)]
-    joint = int(np.argmax(np.abs(data.q[index] - middle) / np.maximum(sigma, 1e-300)))
+    joint = _most_apart(fit, data, data.q[index] - middle)
     name = fit.problem.mechanism.actuators[joint]
     return GrossError(data.name, int(data.rows[index]), 0, float(data.q[index, joint]),
                       float(middle[joint]), times, f"q_{name}", joint=name)
+
+
+def _most_apart(fit: Fit, data: Dataset, apart: Array) -> int:
+    """Return in which joint values (k,) are farthest apart, by their noise."""
+    sigma = fit.problem.sigma_joints[fit.problem.datasets.index(data)]
+    return int(np.argmax(np.abs(apart) / np.maximum(sigma, 1e-300)))
+
+
+def contradictions(fit: Fit) -> list[Note]:
+    """Return which rows in use were read at one place and contradict each other, in sentences."""
+    out = []
+    for data, places in zip(fit.problem.datasets, fit.contradicting, strict=False):
+        for rows in places:
+            joint = _most_apart(fit, data, np.ptp(data.q[rows], axis=0))
+            some = abbreviate_list([str(int(r)) for r in data.rows[rows]])
+            out.append(Note(
+                f"{data.name}: rows {some} were read at one place and contradict each other, most "
+                f"in q_{fit.problem.mechanism.actuators[joint]}; nothing tells which is wrong, so "
+                "they count in part: read that place again", topic="row weights"))
+    return out
 
 
 def _gaps(rows: Rows) -> Array:

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.special import softmax
 
 from ppmcal.calibration.fit.fit_result import Fit
+from ppmcal.inference.priors import NO_WEIGHT
 from ppmcal.inference.row_weights import improbability, row_weights
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset
@@ -45,12 +46,14 @@ class RepeatedRows:
     """What repeats say of a data set's rows: their ``weight`` (N,), 1 of those without any.
 
     ``times`` (N,): how many times the scatter of repeats each is off what the others of its place
-    say, nan without any; ``place`` (N,): a label per place.
+    say, nan without any; ``place`` (N,): a label per place. ``unsure`` (N,): one of the readings
+    of its place does not belong, this or another.
     """
 
     weight: Array
     times: Array
     place: Ints
+    unsure: Bools
 
 
 def repeats_scatter(fit: Fit, n: int, places: Ints) -> tuple[float, float] | None:
@@ -105,7 +108,8 @@ def by_repeats(fit: Fit, rows: Sequence[Bools], factor: Array) -> list[RepeatedR
 def _of_data(fit: Fit, n: int, rows: Bools, factor: float) -> RepeatedRows:
     data = fit.problem.datasets[n]
     same = repeats(data) if data.kind.blind else np.arange(len(data))
-    out = RepeatedRows(np.ones(len(data)), np.full(len(data), np.nan), same)
+    out = RepeatedRows(np.ones(len(data)), np.full(len(data), np.nan), same,
+                       np.zeros(len(data), dtype=bool))
     found = repeats_scatter(fit, n, same) if data.kind.blind else None
     if found is None:
         return out
@@ -115,7 +119,8 @@ def _of_data(fit: Fit, n: int, rows: Bools, factor: float) -> RepeatedRows:
     rho = noise**2 / max(factor**2 - noise**2, NO_PLACES * noise**2)
     index, white = _white(fit, n, rows & finite_rows(fit.state.poses[n]))
     known = _Known(found[1], int(fit.keep[n].sum()), fit.problem.mechanism.surplus, rho)
-    out.weight[index], out.times[index] = known.weights(white / noise, same[index])
+    out.weight[index], out.times[index], out.unsure[index] = known.weights(
+        white / noise, same[index])
     return out
 
 
@@ -142,8 +147,10 @@ class _Known:
     values: int
     rho: float
 
-    def weights(self, white: Array, places: Ints) -> tuple[Array, Array]:
+    def weights(self, white: Array, places: Ints) -> tuple[Array, Array, Bools]:
         """Return the weights of readings (n, m) and how far they are off (n,), 1 and nan alone.
+
+        With them which are unsure (n,).
 
         Args:
             white: by their scatter.
@@ -154,16 +161,17 @@ class _Known:
         total = np.zeros((count.size, white.shape[1]))
         np.add.at(total, place, white)
         weight, square = np.ones(len(white)), np.full(len(white), np.nan)
+        unsure = np.zeros(len(white), dtype=bool)
         square[again] = self._far(white[again], total[place[again]] - white[again],
                                   np.asarray(self.rho + count[place[again]] - 1.0, dtype=float))
         weight[again] = self._belongs(square[again])
         # most places say one thing
         for doubtful in np.unique(place[weight < BELONGS]).tolist():
             own = np.flatnonzero(place == doubtful)
-            weight[own], square[own] = self._of_modes(white[own])
-        return weight, np.sqrt(square / self.values)
+            weight[own], square[own], unsure[own] = self._of_modes(white[own])
+        return weight, np.sqrt(square / self.values), unsure
 
-    def _of_modes(self, white: Array) -> tuple[Array, Array]:
+    def _of_modes(self, white: Array) -> tuple[Array, Array, Bools]:
         """Return the same where readings contradict each other: any may be what the place says.
 
         What each would make of the others is as probable as it makes all of them.
@@ -180,8 +188,10 @@ class _Known:
             if not any(np.abs(weight - w).max() < BELONGS for w, _ in modes):
                 modes.append((weight, square))
         chance = softmax([self._log_probability(white, w) for w, _ in modes])
-        best = modes[int(np.argmax(chance))]
-        return np.asarray(chance @ np.array([w for w, _ in modes])), best[1]
+        best, each = modes[int(np.argmax(chance))][1], np.array([w for w, _ in modes])
+        weight, least = np.asarray(chance @ each), float(NO_WEIGHT)
+        unsure = (each < least).any(axis=0) & (weight >= least) & (weight <= 1.0 - least)
+        return weight, best, unsure
 
     def _by_others(self, white: Array, weight: Array) -> Array:
         """Return squared distances (n,) from what the others of the place say, by their weights."""

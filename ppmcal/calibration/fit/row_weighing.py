@@ -144,8 +144,11 @@ def _explained(fit: Fit, rows: Sequence[Bools], found: Distances, factor: Array,
         reasons.append({**kept, **{
             n: Note(f"{OUTLIER}: {far[n]:.1f} times the {NOISE_OF[n in beside[-1]]}", NOTE,
                     OUTLIER) if solved[n] else NO_POSE for n in gone}})
+    unsure = [r.unsure & k for r, k in zip(again, fit.keep, strict=True)]
     return replace(fit, noise_factor=factor, reasons=tuple(reasons), times=tuple(times),
-                   repeated=tuple(beside))
+                   repeated=tuple(beside), contradicting=tuple(tuple(
+                       np.flatnonzero(own & (r.place == place)) for place in np.unique(
+                           r.place[own])) for own, r in zip(unsure, again, strict=True)))
 
 
 def _found_again(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array]) -> State:

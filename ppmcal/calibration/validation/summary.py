@@ -29,6 +29,7 @@ from ppmcal.calibration.fit import (
     WeakCampaign,
     against_tolerances,
     branch_findings,
+    contradictions,
     data_rows,
     find_gross_errors,
     flats,
@@ -203,7 +204,9 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     raw, fit = fit, with_noise(fit, inflation, options)
     wrong = (secondary("what left-out rows would change", lambda: find_gross_errors(raw, fit),
                        GrossErrors((), {}, (), ()), notes),
-             secondary("the shape of the flat", lambda: tuple(flats(raw)), (), notes))
+             secondary("the shape of the flat", lambda: tuple(flats(raw)), (), notes),
+             secondary("readings that contradict each other", lambda: contradictions(raw), [],
+                       notes))
     noise = secondary("the errors against the tolerances",
                       partial(against_tolerances, noise, fit), noise, notes)
     sessions, blocks = _differences(fit, noise, notes)
@@ -233,7 +236,7 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
         fit, mechanism, found, total, redundant, noise, index, fit.problem.columns,
         kept.in_frames(wider.covariance if wider and wider.differ else prediction_covariance(fit)),
         inflation,
-        was.residuals, stood, after, held, note, (*told, *unchecked(fit, total), *notes),
+        was.residuals, stood, after, held, note, (*wrong[2], *told, *unchecked(fit, total), *notes),
         open_, wrong[0], sets, wrong[1], _unexplained(after.figures(fit.keep), noise),
         doubtful=doubtful, sessions=sessions, blocks=blocks, considered=kept)
 
