@@ -39,10 +39,16 @@ def machine(name: str) -> Mechanism:
     return ppmcal.load(ROOT / "configs" / f"{name}.yaml")
 
 
+@cache
+def box(mechanism: Mechanism) -> tuple[Array, Array]:
+    """Return the ends of the box about home inside all limits."""
+    return largest_box(mechanism, named(mechanism), 3)
+
+
 def wide(mechanism: Mechanism, count: int, size: float, seed: int = 0) -> Array:
     """Return wanted poses of a box about home, ``size`` times the one inside all limits."""
     chosen = named(mechanism)
-    low, high = largest_box(mechanism, chosen, 3)
+    low, high = box(mechanism)
     middle, half = (low + high) / 2.0, size * (high - low) / 2.0
     rng = np.random.default_rng(seed)
     return placed(mechanism, chosen, rng.uniform(middle - half, middle + half,
@@ -329,10 +335,15 @@ QUICK = {"drift"}
 """What every test run can bear."""
 
 
+def bare(kind: str) -> Mechanism:
+    """Return the machine of :func:`acting` without its effect."""
+    return machine("cable-4-planar" if effect_kinds()[kind].joints == "ropes" else "3-RPR")
+
+
 def acting(kind: str) -> Mechanism:
     """Return a planar machine with an effect of one kind: of ropes where only these have it."""
     found = effect_kinds()[kind]
-    mechanism = machine("cable-4-planar" if found.joints == "ropes" else "3-RPR")
+    mechanism = bare(kind)
     special = SPECIAL.get(kind)
     if special is None:
         specs = found.parameters(PLANAR)
@@ -369,7 +380,7 @@ def conditions(mechanism: Mechanism, count: int) -> dict[str, Array]:
 def test_a_condition_that_changes_commands_is_never_taken_as_zero(kind: str) -> None:
     """Whatever column moves a command: without it the targets are refused, or the row is."""
     mechanism = acting(kind)
-    poses = wide(mechanism, 6, 0.6)
+    poses = wide(bare(kind), 6, 0.6)
     table: dict[str, Any] = {"x": poses[:, 0] * 1e3, "y": poses[:, 1] * 1e3,
                              "rz": np.degrees(poses[:, 5]), **conditions(mechanism, 6)}
 
