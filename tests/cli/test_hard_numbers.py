@@ -183,10 +183,10 @@ TOLERANCES = {0.0: None, 1e-300: "is implausible", 1e-15: "is implausible", 1e-9
 
 
 @pytest.mark.long_cases(
-    "0.0-identify", "1000000.0-sensitivity", "1e-09-check", "1e-09-identify", "1e-09-sensitivity")
+    "0.0-identify", "1000000.0-identify", "1000000.0-sensitivity", "1000000.0-tolerances",
+    "1e-09-check", "1e-09-identify", "1e-09-sensitivity")
 @pytest.mark.slow_cases(
-    "1000000.0-identify", "inf-identify", "1000000.0-tolerances", "inf-sensitivity",
-    "1e-09-tolerances", "inf-tolerances")
+    "inf-identify", "inf-sensitivity", "1e-09-tolerances", "inf-tolerances")
 @pytest.mark.parametrize("command", ["check", "identify", "sensitivity", "tolerances"])
 @pytest.mark.parametrize("value", TOLERANCES)
 def test_tolerances_of_any_size(bench, tmp_path, value, command):
@@ -221,8 +221,10 @@ def test_diagnose_of_rows_that_tell_little(bench, tmp_path, name):
 
 
 @pytest.mark.long_cases(
-    "poses hardly apart-method0", "poses hardly apart-method2", "two rows typed wrong-method3",
-    "two rows typed wrong-method4")
+    "poses hardly apart-method0", "poses hardly apart-method1", "poses hardly apart-method2",
+    "poses hardly apart-method4", "two rows typed wrong-method0", "two rows typed wrong-method2",
+    "two rows typed wrong-method3", "two rows typed wrong-method4", "three poses-method1",
+    "three poses-method3")
 @pytest.mark.parametrize("method", [["--method", "gcv"], ["--method", "damped"],
                                     ["--prior", "flat"], ["--sigma", "estimated"],
                                     ["--keep-outliers"]])

@@ -243,6 +243,7 @@ def test_a_rod_within_the_offset_of_the_first_axis_is_refused(kind: str, body: s
     assert np.isnan(gone.pose).all()
 
 
+@pytest.mark.long_cases("(P)US-base", "(R)US-platform")
 @pytest.mark.slow
 @pytest.mark.parametrize("body", ["base", "platform"])
 @pytest.mark.parametrize("kind", ["(P)US", "(R)US"])
