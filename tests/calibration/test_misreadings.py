@@ -34,6 +34,7 @@ from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.interpretation.data_check import check
 from ppmcal.calibration.interpretation.interpretation_error import InterpretationError
 from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes, stale
+from ppmcal.calibration.interpretation import read_rightly
 from ppmcal.calibration.interpretation.read_rightly import (
     misfit,
     other_machine,
@@ -132,12 +133,16 @@ def mended(path: Path, block: object) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow)
                                   for n in WRONG])
-def test_a_mistake_is_named_and_its_mend_mends(tmp_path: Path, name: str) -> None:
+def test_a_mistake_is_named_and_its_mend_mends(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     change, kinds = WRONG[name]
     path = session(tmp_path, change)
+    seen = []
+    monkeypatch.setattr(read_rightly, "misfit", lambda p: seen.append(misfit(p)) or seen[-1])
     with pytest.raises(InterpretationError) as refused:
         refuse_misread(problem_of(path))
-    (found,) = refused.value.found
+    (as_read,), (found,) = seen, refused.value.found
+    assert as_read.misread and (name not in MISTAKES or as_read.nominal > 5.0)
     assert {m.kind for m in found.mistakes} == kinds
     mended(path, found.block)
     after = misfit(problem_of(path))
