@@ -31,10 +31,10 @@ from ppmcal import simulate
 from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.interpretation import read_rightly
 from ppmcal.calibration.interpretation.data_check import check
 from ppmcal.calibration.interpretation.interpretation_error import InterpretationError
 from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes, stale
-from ppmcal.calibration.interpretation import read_rightly
 from ppmcal.calibration.interpretation.read_rightly import (
     misfit,
     other_machine,
