@@ -94,7 +94,8 @@ def test_ways_that_a_fine_search_finds_unsound_are_found(name: str) -> None:
 @pytest.mark.slow_cases(
     "6-UPS", "cable-4-planar", "stewart-7", "3-RPS", "3-UPU", "6-PUS", "6-RUS", "cable-4-pulleys",
     "hangprinter", "linapod", "maslow", "mixed-spatial", "passive-legs", "tricept", "cable-8",
-    "delta-linear-6rods", "delta-rotary-6rods", "3-RRR-1", "five-bar")
+    "delta-linear-6rods", "delta-rotary-6rods", "3-RRR-1", "five-bar", "3-PPR-2", "3-PRP-1",
+    "3-PRR-2", "3-RPP-2", "3-RPR-1", "3-RRP-1", "3-RRP-2", "3-RRR-2", "delta-rotary")
 @pytest.mark.long_cases("cable-8-pulleys", "delta-parallelograms")
 @pytest.mark.parametrize("name", CONFIGS)
 def test_no_way_inside_the_workspace_is_refused(name: str) -> None:
