@@ -121,7 +121,9 @@ EXACT_CASES = [
 
 
 @pytest.mark.long_cases(
-    "pose-cable-4-pulleys", "pose-cable-8-pulleys", "position-delta-rotary-6rods")
+    "pose-cable-4-pulleys", "pose-cable-8-pulleys", "position-delta-rotary-6rods", "pose-stewart-7",
+    "pose-cable-8", "position-3-UPU", "pose-delta-rotary-6rods", "pose-delta-parallelograms",
+    "pose-mixed-spatial")
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "name"), EXACT_CASES)
 def test_exact_data_give_the_exact_machine(request: pytest.FixtureRequest, name: str, kind: str

@@ -129,7 +129,7 @@ def mended(path: Path, block: object) -> None:
 @pytest.mark.long_cases(
     "a sign, metres and swapped", "legs swapped", "swapped, and Euler angles",
     "swapped, and one in inches", "x and y exchanged", "every leg in the next one's column",
-    "metres in all joint columns")
+    "metres in all joint columns", "inverse, then metres", "moving Euler angles")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow)
                                   for n in WRONG])

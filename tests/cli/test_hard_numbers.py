@@ -117,13 +117,12 @@ ROWS = {
 
 @pytest.mark.long_cases(
     "one in five wrong-identify", "two rows far beyond any machine-check",
-    "two rows far beyond any machine-identify", "two rows typed wrong-identify")
+    "two rows far beyond any machine-identify", "two rows typed wrong-identify",
+    "poses apart by round-off-identify", "two poses-identify")
 @pytest.mark.slow_cases(
-    "a single pose-check", "a single pose-identify", "two poses-check", "two poses-identify",
-    "three poses-identify", "every row five times-identify", "one in five wrong-check",
-    "no joint value fits-check", "no joint value fits-identify",
-    "poses apart by round-off-identify", "poses hardly apart-identify",
-    "two rows typed wrong-check")
+    "a single pose-check", "a single pose-identify", "two poses-check", "three poses-identify",
+    "every row five times-identify", "one in five wrong-check", "no joint value fits-check",
+    "no joint value fits-identify", "poses hardly apart-identify", "two rows typed wrong-check")
 @pytest.mark.parametrize("command", ["check", "identify"])
 @pytest.mark.parametrize("name", ROWS)
 def test_rows_that_tell_little_or_nothing(bench, tmp_path, name, command):
