@@ -288,7 +288,7 @@ class _Scene:
     def _rotations(self, seen: Array) -> Array:
         """Return measured turns (R, n, 3) as matrices (R, n, 3, 3), nan where there is none."""
         turn = np.where([True, True, False], 0.0, seen) if self.planar else seen
-        finite = np.isfinite(turn).all(axis=-1, keepdims=True)
+        finite = np.asarray(np.isfinite(turn).all(axis=-1))[..., None]
         matrices = cga.rotation_matrix(cga.motor_from_rotation_vector(
             np.where(finite, turn, 0.0), np.zeros(3)))
         return np.where(finite[..., None], matrices, np.nan)
