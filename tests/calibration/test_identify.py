@@ -122,8 +122,7 @@ EXACT_CASES = [
 
 @pytest.mark.long_cases(
     "pose-cable-4-pulleys", "pose-cable-8-pulleys", "position-delta-rotary-6rods", "pose-stewart-7",
-    "pose-cable-8", "position-3-UPU", "pose-delta-rotary-6rods", "pose-delta-parallelograms",
-    "pose-mixed-spatial")
+    "pose-cable-8", "position-3-UPU", "pose-mixed-spatial")
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "name"), EXACT_CASES)
 def test_exact_data_give_the_exact_machine(request: pytest.FixtureRequest, name: str, kind: str
@@ -246,6 +245,7 @@ def machine_of(label: str) -> Mechanism:
     return full(label)
 
 
+@pytest.mark.long_cases("(R)US-0.0", "delta-linear-0.0")
 @pytest.mark.slow
 @pytest.mark.parametrize(("label", "noise"), [
     *((label, 0.0) for label in (*KINDS, "delta-linear", "delta-rotary", "delta-linear-6rods")),

@@ -67,7 +67,7 @@ def off(mechanism: Mechanism, scale: float = 1.0, seed: int = 3) -> Mechanism:
 # --- ways -------------------------------------------------------------------------------------
 
 
-@pytest.mark.long_cases("3-RPS", "6-RUS")
+@pytest.mark.long_cases("3-RPS", "6-RUS", "delta-rotary")
 @pytest.mark.parametrize("name", ["3-RPR", "3-RRR-1", "3-RPS", "6-RUS", "6-UPS", "delta-rotary"])
 @pytest.mark.slow
 def test_ways_that_a_fine_search_finds_unsound_are_found(name: str) -> None:
@@ -169,7 +169,7 @@ def path_of(mechanism: Mechanism, count: int = 60) -> Array:
     return placed(mechanism, chosen, (low + high) / 2.0 + 0.4 * (high - low) * np.sin(t))
 
 
-@pytest.mark.long_cases("6-RUS", "3-RPS")
+@pytest.mark.long_cases("6-RUS", "3-RPS", "6-UPS")
 @pytest.mark.parametrize("name", ["3-RPR", "6-UPS", "3-RPS", "delta-rotary", "6-RUS"])
 @pytest.mark.slow
 def test_a_joint_that_jumps_between_neighbours_is_refused(name: str) -> None:

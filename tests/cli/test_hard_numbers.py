@@ -337,6 +337,7 @@ def test_a_scaled_machine_gives_scaled_answers(bench, at_one, tmp_path, factor):
 # --- rotations near half a turn -----------------------------------------------------------------
 
 
+@pytest.mark.long_cases("-179.999999")
 @pytest.mark.parametrize("turn", [179.999999, 180.0, -179.999999, 178.0])
 @pytest.mark.slow
 def test_measured_rotations_about_half_a_turn(tmp_path, turn):
