@@ -525,6 +525,7 @@ def test_two_files_share_the_geometry_and_have_a_frame_each() -> None:
     assert_exact(turned, other)
 
 
+@pytest.mark.slow
 def test_two_files_say_more_than_one() -> None:
     mechanism, scenario = machine("3-RPR")
     first = run(mechanism, scenario, 1)

@@ -379,6 +379,7 @@ def test_plans_for_an_instrument_that_cannot_be_meant(bench, tmp_path):
         assert found.code == code and "Error" in found.err
 
 
+@pytest.mark.slow
 def test_a_singular_home_is_said_by_every_command(bench, tmp_path):
     """Three struts at one point: the platform turns freely about it."""
     machine, side, table, _ = (copy(b) for b in bench)

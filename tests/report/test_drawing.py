@@ -157,6 +157,7 @@ def test_the_other_branch_of_a_limb_is_another_line():
     assert scene_of("6-UPS").machines[0].other == ((),) * 6
 
 
+@pytest.mark.slow
 def test_present_values_lie_over_the_nominal_ones_and_are_magnified():
     machine = plain("U(P)S")
     g = machine.values.copy()
