@@ -231,6 +231,8 @@ def unsaid(kind: type[T]) -> T:
 
 def encoded(value: Any, whole: bool = False) -> Any:
     """Return what JSON can hold; where keys were given or read those alone, or the ``whole``."""
+    if type(value) is float or type(value) is str:    # most are
+        return plain(value)
     if dataclasses.is_dataclass(value):
         given = None if whole else getattr(value, "given", None)
         kind: Any = type(value)

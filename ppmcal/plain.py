@@ -149,6 +149,10 @@ def json_text(obj: object) -> str:
 
 def plain(obj: object) -> Any:
     """Return ``obj`` as what JSON can hold."""
+    if type(obj) is float:    # as most are
+        return obj if math.isfinite(obj) else None
+    if type(obj) is list or type(obj) is tuple:
+        return [plain(v) for v in obj]
     if isinstance(obj, str):
         return obj if isinstance(obj, Note) else str(obj)
     if obj is None or isinstance(obj, bool | int):

@@ -5,6 +5,7 @@ import os
 import signal
 
 import pytest
+from _pytest.doctest import DoctestModule
 
 # one thread of BLAS, as the program itself takes: workers run side by side, and more threads are
 # slower with small matrices; what the environment says is kept. Before anything loads NumPy
@@ -28,6 +29,21 @@ def pytest_collection(session):
     finally:
         gc.freeze()
         gc.enable()
+
+
+class ModulesWithExamples:
+    """Looks for examples in no module that has none: to look through all of them takes seconds."""
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_collect_file(self, file_path):
+        found = yield
+        if file_path.suffix == ".py" and b">>>" not in file_path.read_bytes():
+            found = [one for one in found if not isinstance(one, DoctestModule)]
+        return found
+
+
+def pytest_configure(config):
+    config.pluginmanager.register(ModulesWithExamples())    # for modules outside of this folder too
 
 
 @pytest.hookimpl(tryfirst=True)

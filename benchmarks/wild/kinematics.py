@@ -5,12 +5,16 @@ Arrays: N rows, L limbs, d coordinates of motion. Lengths mm, angles rad.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 COLUMNS = {"planar": [0, 1, 5], "translational": [0, 1, 2], "spatial": [0, 1, 2, 3, 4, 5]}
+
+CLOSED = 1e-12 * 1e3
+"""Closure error (mm) at which a pose is found."""
 
 
 @dataclass(frozen=True)
@@ -96,15 +100,43 @@ def forward(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pose (N, 3) mm and (N, 3, 3) at joints q (N, L), by Newton from the pose given."""
     u = q + geo.offset
-    cols = COLUMNS[motion]
     for _ in range(steps):
-        gap, grad, _ = closure(geo, u, pos, rot)
-        step = -np.linalg.solve(by_pose(geo, grad, rot, motion), gap[..., None])[..., 0]
-        twist = np.zeros((len(u), 6))
-        twist[:, cols] = step
-        pos, rot = moved(pos, rot, twist)
-        if np.max(np.abs(gap)) < 1e-12 * 1e3:
+        pos, rot, gap = _newton(geo, u, pos, rot, motion)
+        if np.max(np.abs(gap)) < CLOSED:
             return pos, rot
+    raise ArithmeticError(f"forward kinematics left {np.max(np.abs(gap)):.3g} mm open")
+
+
+def _newton(geo: Geometry, u: np.ndarray, pos: np.ndarray, rot: np.ndarray, motion: str) -> tuple:
+    """Poses after a step of Newton, and the closure error (N, L) before it."""
+    gap, grad, _ = closure(geo, u, pos, rot)
+    step = -np.linalg.solve(by_pose(geo, grad, rot, motion), gap[..., None])[..., 0]
+    twist = np.zeros((len(u), 6))
+    twist[:, COLUMNS[motion]] = step
+    return *moved(pos, rot, twist), gap
+
+
+def forward_of_each(
+    machines: Sequence[Geometry], q: np.ndarray, pos: np.ndarray, rot: np.ndarray, motion: str
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Poses of several machines at the same joints, each as :func:`forward` has them.
+
+    Rows of all of them are solved together; those of a machine rest once they are closed.
+    """
+    count, rows = len(machines), len(q)
+    first, arrays = machines[0], [f.name for f in fields(Geometry) if f.name != "closure"]
+    stacked = {name: np.concatenate([np.broadcast_to(
+        getattr(m, name), (rows, *getattr(m, name).shape[1:])) for m in machines])
+        for name in arrays}
+    pos, rot, q = (np.concatenate([x] * count) for x in (pos, rot, q))
+    left = np.arange(count)
+    for _ in range(30):
+        at = (left[:, None] * rows + np.arange(rows)).ravel()
+        geo = replace(first, **{name: values[at] for name, values in stacked.items()})
+        pos[at], rot[at], gap = _newton(geo, q[at] + geo.offset, pos[at], rot[at], motion)
+        left = left[np.abs(gap).reshape(len(left), -1).max(axis=1) >= CLOSED]
+        if not len(left):
+            return [(pos[n:n + rows], rot[n:n + rows]) for n in range(0, count * rows, rows)]
     raise ArithmeticError(f"forward kinematics left {np.max(np.abs(gap)):.3g} mm open")
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from .campaign import Run, Setup, seen
-from .kinematics import COLUMNS, forward, moved
+from .kinematics import COLUMNS, forward, forward_of_each, moved
 from .machines import with_errors
 
 
@@ -125,15 +125,15 @@ def open_setup(place: Setup, motion: str) -> list[tuple[str, int]]:
 def jacobian(run: Run, place: Setup, errors: np.ndarray) -> np.ndarray:
     """Whitened measurements' derivative by slots, frame and target (entries, parameters)."""
     machine, motion = run.machine, run.machine.motion
-    columns = []
-    for j, slot in enumerate(machine.slots):
-        step, ends = TURN if slot.angle else STEP, []
+    columns, shifted, steps = [], [], [TURN if s.angle else STEP for s in machine.slots]
+    for j, step in enumerate(steps):
         for sign in (-1, 1):
-            shifted = errors.copy()
-            shifted[j] += sign * step
-            at = forward(with_errors(machine, shifted), run.q, run.pos, run.rot, motion)
-            ends.append(seen(place, *at))
-        columns.append(whitened(place, motion, *ends) / (2 * step))
+            other = errors.copy()
+            other[j] += sign * step
+            shifted.append(with_errors(machine, other))
+    found = forward_of_each(shifted, run.q, run.pos, run.rot, motion)
+    for step, *ends in zip(steps, found[::2], found[1::2], strict=True):
+        columns.append(whitened(place, motion, *(seen(place, *at) for at in ends)) / (2 * step))
     for kind, i in open_setup(place, motion):
         step = TURN if kind == "frame" and i > 2 else STEP
         ends = [seen(shifted_setup(place, kind, i, s * step), run.pos, run.rot) for s in (-1, 1)]

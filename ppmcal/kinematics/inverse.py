@@ -77,13 +77,14 @@ def home_attempt(mechanism: Mechanism) -> HomeAttempt:
     model = Model(mechanism)
     pose = mechanism.home[None]
     q = np.full(len(mechanism.actuators), np.nan)
+    found = all_roots(model, pose)
     chosen, lacking = [], []
     for i, limb in enumerate(mechanism.limbs):
         if not limb.driven:
             chosen.append(1)
             lacking.append(0.0)
             continue
-        roots, missing = limb_roots(model, i, pose)
+        roots, missing = found[i]
         reached = bool(np.all(np.isfinite(roots)))
         if not reached:
             roots = np.repeat(nearest_joint(model, i, pose)[:, None], 2, axis=1)

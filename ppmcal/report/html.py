@@ -16,7 +16,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from ppmcal.io.results.tables import finite_number
-from ppmcal.plain import json_text
+from ppmcal.plain import plain
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.web import spec, told
 
@@ -180,7 +180,7 @@ def script_json(content: object) -> str:
     >>> script_json({"name": "</script>"})
     '{"name":"\\u003c/script\\u003e"}'
     """
-    text = json.dumps(json.loads(json_text(content)), separators=(",", ":"), ensure_ascii=True)
+    text = json.dumps(plain(content), separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 

@@ -195,9 +195,9 @@ def made(tmp_path_factory):
 
 
 @pytest.fixture
-def one(made, tmp_path):
-    """Return a folder of that machine's files alone, without results."""
-    shutil.copytree(made, tmp_path, dirs_exist_ok=True, ignore=shutil.ignore_patterns("out"))
+def one(tmp_path):
+    """Return a folder of the same machine's files alone, without results."""
+    write_fleet(tmp_path, machines=1, rows=20)
     return tmp_path
 
 
@@ -304,15 +304,17 @@ def test_a_mixture_that_a_killed_run_left_is_replaced(done):
 
 
 @pytest.mark.slow
-def test_what_a_run_could_not_take_away_is_swept(done):
+def test_what_a_run_could_not_take_away_is_swept(tmp_path):
     """The campaign is finished: its command is not run again."""
-    out = done / "out"
+    write_fleet(tmp_path, machines=1, dates=[FIRST.split("/")[1]], rows=20)
+    assert finished_before(tmp_path) == set()
+    out = tmp_path / "out"
     left = (out / FIRST).with_name(".ppmcal.identify.part")
     left.mkdir()
     (left / "lock").touch()
     part = (out / KEPT / FIRST).with_suffix(".part")
     part.touch()
-    assert FIRST in finished_before(done)
+    assert finished_before(tmp_path) == {FIRST}
     assert not left.exists() and not part.exists()
 
 

@@ -170,6 +170,7 @@ def test_a_home_at_or_near_a_singularity(command, home):
     refused("singular", lambda: SINGULAR_HOMES[command](homed(home)))
 
 
+@pytest.mark.long_cases("1e-09")
 @pytest.mark.slow
 @pytest.mark.parametrize("home", SINGULAR)
 def test_kinematics_and_check_of_a_singular_home(home):
@@ -299,6 +300,7 @@ def test_rows_that_are_too_few(bench, identified, command, name):
             lambda: getattr(face, command)(machine, data(bench, columns=few)))
 
 
+@pytest.mark.long_cases("1e-09")
 @pytest.mark.parametrize("apart", [1e-12, 1e-9, 1e-6])
 @pytest.mark.slow
 def test_poses_hardly_apart_tell_no_more_than_sound_ones(bench, identified, apart):

@@ -71,6 +71,7 @@ def test_the_dead_point_does_not_depend_on_the_units_or_the_size():
         [t.value for t in transmissions(read_text(yaml.safe_dump(small)))])
 
 
+@pytest.mark.long_cases("cable-8-pulleys")
 @pytest.mark.slow
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda p: p.stem)
 def test_no_shipped_machine_is_at_a_dead_point(path):

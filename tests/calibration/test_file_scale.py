@@ -49,9 +49,10 @@ def session(name: str, kind: str, n: int, seed: int, noise: float = 0.0
     return mechanism, replace(data, value=SCALE * data.value, scale=OPEN), g
 
 
+@pytest.mark.long_cases(
+    "True-6-UPS-point", "False-6-UPS-pose", "True-6-UPS-pair", "True-linapod-position")
 @pytest.mark.slow_cases(
-    "False-6-UPS-point", "False-6-UPS-pair", "False-6-UPS-pose", "False-linapod-position",
-    "True-6-UPS-point", "True-6-UPS-pose", "True-6-UPS-pair", "True-linapod-position",
+    "False-6-UPS-point", "False-6-UPS-pair", "True-6-UPS-pose", "False-linapod-position",
     "True-delta-linear-pair")
 @pytest.mark.parametrize(("name", "kind"), [
     ("3-RPR", "point"), ("3-RPR", "position"), ("delta-linear", "pair"), ("delta-linear", "pose"),

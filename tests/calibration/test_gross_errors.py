@@ -111,15 +111,6 @@ def test_two_typed_wrong_end_where_the_fit_without_them_ends(tmp_path: Path) -> 
 
 # --- files read wrongly ---------------------------------------------------------------------------
 
-@pytest.mark.long_cases("legs swapped")
-@pytest.mark.slow
-@pytest.mark.parametrize("name", MISTAKES)
-def test_a_file_read_wrongly_is_seen_before_any_fit(tmp_path: Path, name: str) -> None:
-    found = misfit(problem(session(tmp_path, MISTAKES[name])))
-    assert found.misread
-    assert found.nominal > 5.0
-
-
 @pytest.mark.slow
 def test_check_finds_it_too(tmp_path: Path) -> None:
     path = session(tmp_path, MISTAKES["a sign"])

@@ -121,7 +121,8 @@ EXACT_CASES = [
 
 
 @pytest.mark.long_cases(
-    "pose-cable-4-pulleys", "pose-cable-8-pulleys", "position-delta-rotary-6rods")
+    "pose-cable-4-pulleys", "pose-cable-8-pulleys", "position-delta-rotary-6rods", "pose-stewart-7",
+    "pose-cable-8", "position-3-UPU", "pose-mixed-spatial")
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "name"), EXACT_CASES)
 def test_exact_data_give_the_exact_machine(request: pytest.FixtureRequest, name: str, kind: str
@@ -244,6 +245,7 @@ def machine_of(label: str) -> Mechanism:
     return full(label)
 
 
+@pytest.mark.long_cases("(R)US-0.0", "delta-linear-0.0")
 @pytest.mark.slow
 @pytest.mark.parametrize(("label", "noise"), [
     *((label, 0.0) for label in (*KINDS, "delta-linear", "delta-rotary", "delta-linear-6rods")),
@@ -523,6 +525,7 @@ def test_two_files_share_the_geometry_and_have_a_frame_each() -> None:
     assert_exact(turned, other)
 
 
+@pytest.mark.slow
 def test_two_files_say_more_than_one() -> None:
     mechanism, scenario = machine("3-RPR")
     first = run(mechanism, scenario, 1)

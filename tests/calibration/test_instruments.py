@@ -43,7 +43,9 @@ def session(name: str, kind: str, n: int, seed: int, noise: float = 0.0, unknown
     return Problem(mechanism, (data,), mechanism.free), g
 
 
-@pytest.mark.long_cases("6-UPS-pair", "linapod-pair")
+@pytest.mark.long_cases(
+    "6-UPS-pair", "linapod-pair", "linapod-plane", "6-UPS-plane", "delta-rotary-plane",
+    "delta-rotary-point")
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "kind"), CASES)
 def test_derivatives(name: str, kind: str) -> None:

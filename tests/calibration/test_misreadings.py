@@ -31,6 +31,7 @@ from ppmcal import simulate
 from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.interpretation import read_rightly
 from ppmcal.calibration.interpretation.data_check import check
 from ppmcal.calibration.interpretation.interpretation_error import InterpretationError
 from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes, stale
@@ -128,16 +129,20 @@ def mended(path: Path, block: object) -> None:
 @pytest.mark.long_cases(
     "a sign, metres and swapped", "legs swapped", "swapped, and Euler angles",
     "swapped, and one in inches", "x and y exchanged", "every leg in the next one's column",
-    "metres in all joint columns")
+    "metres in all joint columns", "inverse, then metres", "moving Euler angles")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow)
                                   for n in WRONG])
-def test_a_mistake_is_named_and_its_mend_mends(tmp_path: Path, name: str) -> None:
+def test_a_mistake_is_named_and_its_mend_mends(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     change, kinds = WRONG[name]
     path = session(tmp_path, change)
+    seen = []
+    monkeypatch.setattr(read_rightly, "misfit", lambda p: seen.append(misfit(p)) or seen[-1])
     with pytest.raises(InterpretationError) as refused:
         refuse_misread(problem_of(path))
-    (found,) = refused.value.found
+    (as_read,), (found,) = seen, refused.value.found
+    assert as_read.misread and (name not in MISTAKES or as_read.nominal > 5.0)
     assert {m.kind for m in found.mistakes} == kinds
     mended(path, found.block)
     after = misfit(problem_of(path))

@@ -100,6 +100,7 @@ def test_sessions_within_a_file_may_have_frames_of_their_own() -> None:
     assert [h.what for h in registration_hints(fitted(data))] == ["sessions"]
 
 
+@pytest.mark.slow
 def test_two_days_that_agree_say_nothing() -> None:
     assert registration_hints(fitted(day(1, "day1"), day(2, "day2"))) == ()
 

@@ -296,11 +296,12 @@ def test_before_is_told_without_an_instrument_that_is_not_there(tmp_path):
     assert "errors are how far limbs are from closing" in text and "frame and target" not in text
 
 
+@pytest.mark.long_cases("cage")
 @pytest.mark.parametrize(("tree", "exchanged"), [
     (belts, "bl with br, tr with tl"), (cables, "c0 with c3, c1 with c2"),
     (rope_cage, "r1 with r2, r3 with r4, r5 with r6, r7 with r8"), (stewart, None)],
     ids=["belts", "cables", "cage", "stewart"])
-@pytest.mark.slow_cases("cables", "cage")
+@pytest.mark.slow_cases("cables")
 def test_the_mirror_image_is_told_where_it_fits_as_well(tree, exchanged, tmp_path):
     file = tree()
     path = written(tmp_path, file)

@@ -339,6 +339,7 @@ def test_output_keeps_foreign_files(bench):
     assert (bench / "i" / "notes.txt").read_text() == "mine"
 
 
+@pytest.mark.long_cases("translational")
 @pytest.mark.slow
 @pytest.mark.parametrize("motion", MACHINES)
 def test_output_is_no_wider_than_a_terminal(campaigns, tmp_path, motion):
@@ -436,6 +437,7 @@ def test_truth_within_posterior(bench):
     assert math.sqrt(sum(s * s for s in scores) / len(scores)) < 1.6
 
 
+@pytest.mark.long_cases("translational")
 @pytest.mark.slow
 @pytest.mark.parametrize("motion", MACHINES)
 def test_identified_is_a_mechanism_file(campaigns, tmp_path, motion):

@@ -418,6 +418,7 @@ def test_a_kind_of_another_package(tmp_path: Path) -> None:
     assert "unknown effect 'daily'" in " ".join(run.err.split())
 
 
+@pytest.mark.slow
 def test_a_name_that_is_taken(tmp_path: Path) -> None:
     """Two kinds of one name are refused when they are registered."""
     code = ("from ppmcal.model.effects import effect_kinds, register\n"

@@ -117,13 +117,12 @@ ROWS = {
 
 @pytest.mark.long_cases(
     "one in five wrong-identify", "two rows far beyond any machine-check",
-    "two rows far beyond any machine-identify", "two rows typed wrong-identify")
+    "two rows far beyond any machine-identify", "two rows typed wrong-identify",
+    "poses apart by round-off-identify", "two poses-identify")
 @pytest.mark.slow_cases(
-    "a single pose-check", "a single pose-identify", "two poses-check", "two poses-identify",
-    "three poses-identify", "every row five times-identify", "one in five wrong-check",
-    "no joint value fits-check", "no joint value fits-identify",
-    "poses apart by round-off-identify", "poses hardly apart-identify",
-    "two rows typed wrong-check")
+    "a single pose-check", "a single pose-identify", "two poses-check", "three poses-identify",
+    "every row five times-identify", "one in five wrong-check", "no joint value fits-check",
+    "no joint value fits-identify", "poses hardly apart-identify", "two rows typed wrong-check")
 @pytest.mark.parametrize("command", ["check", "identify"])
 @pytest.mark.parametrize("name", ROWS)
 def test_rows_that_tell_little_or_nothing(bench, tmp_path, name, command):
@@ -183,10 +182,10 @@ TOLERANCES = {0.0: None, 1e-300: "is implausible", 1e-15: "is implausible", 1e-9
 
 
 @pytest.mark.long_cases(
-    "0.0-identify", "1000000.0-sensitivity", "1e-09-check", "1e-09-identify", "1e-09-sensitivity")
+    "0.0-identify", "1000000.0-identify", "1000000.0-sensitivity", "1000000.0-tolerances",
+    "1e-09-check", "1e-09-identify", "1e-09-sensitivity")
 @pytest.mark.slow_cases(
-    "1000000.0-identify", "inf-identify", "1000000.0-tolerances", "inf-sensitivity",
-    "1e-09-tolerances", "inf-tolerances")
+    "inf-identify", "inf-sensitivity", "1e-09-tolerances", "inf-tolerances")
 @pytest.mark.parametrize("command", ["check", "identify", "sensitivity", "tolerances"])
 @pytest.mark.parametrize("value", TOLERANCES)
 def test_tolerances_of_any_size(bench, tmp_path, value, command):
@@ -221,8 +220,10 @@ def test_diagnose_of_rows_that_tell_little(bench, tmp_path, name):
 
 
 @pytest.mark.long_cases(
-    "poses hardly apart-method0", "poses hardly apart-method2", "two rows typed wrong-method3",
-    "two rows typed wrong-method4")
+    "poses hardly apart-method0", "poses hardly apart-method1", "poses hardly apart-method2",
+    "poses hardly apart-method4", "two rows typed wrong-method0", "two rows typed wrong-method2",
+    "two rows typed wrong-method3", "two rows typed wrong-method4", "three poses-method1",
+    "three poses-method3")
 @pytest.mark.parametrize("method", [["--method", "gcv"], ["--method", "damped"],
                                     ["--prior", "flat"], ["--sigma", "estimated"],
                                     ["--keep-outliers"]])
@@ -336,6 +337,7 @@ def test_a_scaled_machine_gives_scaled_answers(bench, at_one, tmp_path, factor):
 # --- rotations near half a turn -----------------------------------------------------------------
 
 
+@pytest.mark.long_cases("-179.999999")
 @pytest.mark.parametrize("turn", [179.999999, 180.0, -179.999999, 178.0])
 @pytest.mark.slow
 def test_measured_rotations_about_half_a_turn(tmp_path, turn):
@@ -377,6 +379,7 @@ def test_plans_for_an_instrument_that_cannot_be_meant(bench, tmp_path):
         assert found.code == code and "Error" in found.err
 
 
+@pytest.mark.slow
 def test_a_singular_home_is_said_by_every_command(bench, tmp_path):
     """Three struts at one point: the platform turns freely about it."""
     machine, side, table, _ = (copy(b) for b in bench)

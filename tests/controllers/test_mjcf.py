@@ -67,10 +67,13 @@ def bodies(machine, count):
     return world, q, *matrices(pose)
 
 
+@pytest.mark.long_cases("offset (P)US platform", "offset U(P)S platform", "offset (R)US base")
 @pytest.mark.parametrize("name", MACHINES)
 @pytest.mark.slow_cases(
-    "offset U(P)S base", "3-UPU", "offset U(P)S platform", "offset (P)US base",
-    "offset (P)US platform", "offset (R)US base", "offset (R)US platform")
+    "offset U(P)S base", "3-UPU", "offset (P)US base", "offset (R)US platform", "plain (R)RP",
+    "plain R(R)P", "plain R(P)P", "plain (P)RP", "plain (R)US", "plain (P)US", "3-RPP-2", "3-RRP-1",
+    "3-RRP-2", "6-RUS", "delta-parallelograms", "delta-rotary-6rods", "passive-legs", "stewart-7",
+    "tricept")
 def test_at_joint_values_mujoco_has_the_platform_where_we_have_it(name):
     world, q, turns, places = bodies(MACHINES[name](), 2)
     for joints, turn, place in zip(q, turns, places, strict=True):

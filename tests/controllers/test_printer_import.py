@@ -300,7 +300,8 @@ def test_calipers_that_are_all_off_take_no_touch_with_them(tmp_path: Path) -> No
     assert tree["measurement"]["datasets"]["distances"]["scale"] == pytest.approx(0.9975, abs=4e-4)
 
 
-@pytest.mark.slow_cases("0.99-False", "0.99-True", "1.0025-False")
+@pytest.mark.long_cases("0.99-False")
+@pytest.mark.slow_cases("0.99-True", "1.0025-False")
 @pytest.mark.parametrize(("pairs", "bad"), [(0.99, False), (1.0025, False), (0.99, True)])
 def test_no_touch_pays_for_calipers(tmp_path: Path, pairs: float, bad: bool) -> None:
     """Distances all off by one factor, scale and noise stated: touches agree with their own file.

@@ -265,6 +265,7 @@ def test_the_linear_model_is_told_where_it_ends() -> None:
     assert level.holds_to(0.01) == 1.0
 
 
+@pytest.mark.slow
 def test_near_a_singularity_the_command_says_so(tmp_path: Path) -> None:
     text = (CONFIGS / "3-RPR.yaml").read_text()
     home = text.index("home:")

@@ -197,6 +197,7 @@ def run(folder, path, *options, expect=0):
         folder / "out" / "map.csv")
 
 
+@pytest.mark.slow
 def test_the_command_tells_forces_and_slack_ropes(tmp_path):
     """Pulled tight all belts hold; without tension the lower ones are slack, which is a finding."""
     path = written_with(tmp_path, stiff(belts()))

@@ -156,7 +156,9 @@ def test_no_scheduler_is_refused(tmp_path: Path) -> None:
     assert "no scheduler answers" in run_.err.replace("\n", " ")
 
 
-@pytest.mark.long_cases("cable-4-planar-pose", "stewart-7-position")
+@pytest.mark.long_cases(
+    "cable-4-planar-pose", "stewart-7-position", "3-RPR-pose", "6-UPS-pose",
+    "delta-linear-position")
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "kind"), [
     ("3-RPR", "pose"), ("3-RPR", "position"), ("6-UPS", "pose"), ("6-UPS", "distance"),
@@ -225,7 +227,8 @@ def measured(setup: MeasurementSetup, g: np.ndarray, noise: np.ndarray) -> Datas
     return replace(clean, position=position, rotation=rotation)
 
 
-@pytest.mark.long_cases("cable-4-planar", "cable-8-pulleys", "stewart-7")
+@pytest.mark.long_cases(
+    "cable-4-planar", "cable-8-pulleys", "stewart-7", "linapod", "3-PPR-1", "3-RRR-1")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["3-RPR", "6-UPS", "linapod", "delta-rotary", "6-RUS", "3-PPR-1",
                                   "3-RRR-1", "cable-4-planar", "cable-8-pulleys", "stewart-7"])

@@ -115,6 +115,7 @@ def test_an_event_holds_until_the_next_of_its_joint(tmp_path: Path) -> None:
     np.testing.assert_allclose(sums, [[0, 1, 1, 1, 1], [0, 1, 1, 5, 5], [0, 1, 1, 1, 1]])
 
 
+@pytest.mark.slow
 def test_commands_are_for_the_state_after_the_last_event(tmp_path: Path) -> None:
     """A target in the moved frame is the same platform pose as in a frame that says so itself."""
     machine = model(tmp_path, [effect("base_shift", x=4.0, y=-3.0, rz=2.0, from_row=20)])

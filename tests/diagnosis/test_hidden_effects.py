@@ -155,6 +155,7 @@ def test_a_leg_that_grows_by_heat_is_as_long_as_it_says() -> None:
     assert np.allclose(longer, 1e-5 * scene.temperature * strut, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_frozen_slot_is_not_free_and_off_its_nominal() -> None:
     found = hidden.hide("3-RRR-1", 3, ["geometry"], 1.0)
     (truth,) = found.truth
@@ -207,6 +208,7 @@ def test_play_is_between_none_and_all_and_remembers() -> None:
     assert np.std(state[scene.approach[:, 0] > 0.0, 0]) > 0.1
 
 
+@pytest.mark.slow
 def test_what_imitates_a_kink_is_the_curvature() -> None:
     cause = sized("3-RPR", "kink")
     assert cause is not None

@@ -120,6 +120,7 @@ CASES = [("pose", "a leg"), ("pose", "along"), ("position", "across"), ("positio
 QUICK = (("pose", "a leg"), ("position", "up"), ("plane", "along"))
 
 
+@pytest.mark.long_cases("plane-a leg", "distance-a leg")
 @pytest.mark.slow_cases(
     "pose-a leg", "position-up", *(f"{i}-{t}" for i, t in CASES if (i, t) not in QUICK))
 @pytest.mark.parametrize(("instrument", "term"), CASES)

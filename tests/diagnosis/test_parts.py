@@ -41,6 +41,7 @@ def system_of(machine: str, seed: int, kinds: tuple[str, ...] = (), eta: float =
     return system, library(system)
 
 
+@pytest.mark.slow
 def test_pure_error_does_not_pool_directions() -> None:
     """Repeats with a large backlash: the scatter is still the noise; directions are apart."""
     options = hidden.Options(poses=20, repeats=3, columns=("dir",))

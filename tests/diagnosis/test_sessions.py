@@ -170,6 +170,7 @@ def test_what_differs_between_sessions_names_its_own_actuator(
     assert [t.partition(" is not")[0] for t in told] == ["gain on leg1", "gain on leg2"]
 
 
+@pytest.mark.slow
 def test_one_session_cannot_be_left_out(tmp_path: Path) -> None:
     simulate(tmp_path, "3-RPR", [], count=12)
     for command in ("identify", "diagnose"):

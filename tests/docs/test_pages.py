@@ -114,6 +114,8 @@ def on_a_desk(step: Step, folder: Path) -> Ran:
     return ran
 
 
+# what these show, quicker blocks and the examples of the help run as well
+@pytest.mark.long_cases("report-7", "sensitivity-70", "validation-7", "without-instrument-58")
 @pytest.mark.parametrize(("page", "whole", "unit"), list(cases()))
 def test_what_a_page_shows_runs(page, whole, unit, request, tmp_path):
     folder = tmp_path / "here"

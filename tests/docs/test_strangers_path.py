@@ -18,10 +18,8 @@ def run(words, folder):
     return Ran(done.code, done.out + done.err)
 
 
-@pytest.mark.long_cases("Euler angles", "Swapped columns")
-@pytest.mark.slow_cases(
-    "Degrees for radians", "Wrong branch", "Wrong sign", "Wrong unit", "Diameters for radii",
-    "Too few poses")
+@pytest.mark.long_cases("Euler angles", "Swapped columns", "Degrees for radians", "Wrong unit")
+@pytest.mark.slow_cases("Wrong branch", "Wrong sign", "Diameters for radii", "Too few poses")
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda m: m.title)
 def test_a_mistake_is_answered_with_its_cause_and_its_mend(mistake, tmp_path):
     ran = happen(mistake, tmp_path / "desk", run)

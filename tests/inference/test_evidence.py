@@ -126,6 +126,9 @@ def ranged(values: np.ndarray, without: np.ndarray, column: np.ndarray, low: flo
     return float(np.log(np.mean(inside) / np.mean(mass)))
 
 
+@pytest.mark.long_cases(
+    "30.0-roots0-2", "30.0-roots1-0", "30.0-roots1-2", "30.0-roots2-0", "5.0-roots0-0",
+    "5.0-roots1-2", "5.0-roots2-0", "5.0-roots2-2")
 @pytest.mark.slow
 @pytest.mark.parametrize("geometry", [0, 2])
 @pytest.mark.parametrize("roots", [(), (0.3, 2.0), (-0.5,)])

@@ -67,6 +67,7 @@ def compared(asked: Question, within: float, most: int | None = None) -> None:
         assert said[family] == pytest.approx(own, abs=within)
 
 
+@pytest.mark.long_cases("1-sizes1", "1-sizes3", "2-sizes0", "2-sizes2", "2-sizes4")
 @pytest.mark.slow
 @pytest.mark.parametrize("sizes", [(), (0.4,), (0.6, 0.35), (2.0, 1.5, 0.35), (1.0, 1.0, 1.0, 0.3)])
 @pytest.mark.parametrize("seed", [1, 2])

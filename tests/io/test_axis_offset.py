@@ -32,6 +32,7 @@ def edited(kind: str, changes: dict[str, dict[str, Any]], **more: Any) -> Mechan
     return machines.read_text(machines.plain_text(kind, change, **more))
 
 
+@pytest.mark.long_cases("(P)US-base", "(R)US-platform", "U(P)S-platform")
 @each
 @pytest.mark.slow
 def test_a_file_written_and_read_is_the_same_machine(kind: str, body: str) -> None:

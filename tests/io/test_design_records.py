@@ -173,6 +173,7 @@ def test_errors_in_words() -> None:
     assert CommandErrors().words() == CommandErrors().rms_words() == ""
 
 
+@pytest.mark.slow
 def test_console_and_report_say_the_same_of_an_export(tmp_path: Path) -> None:
     """One sentence on what is left, one on each thing that cannot be expressed."""
     from ppmcal.report.exported import export_section

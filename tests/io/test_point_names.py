@@ -175,6 +175,7 @@ def test_few_points_tell_it_where_the_targets_places_are_known(tmp_path: Path) -
     assert f"is {AHEAD:.1f}" in " ".join(result.sentences)
 
 
+@pytest.mark.slow
 def test_names_may_tell_the_target_alone(tmp_path: Path) -> None:
     files = moving(tmp_path, "name")
     result = ppmcal.read(files, MACHINE, interpolate=True, clock_offset=AHEAD, names="{target}")

@@ -64,8 +64,10 @@ def test_derivatives_are_those_of_differences(name: str) -> None:
     q, pose = spread(model, 4)
     # off the closure too: each derivative is at a platform that is held
     pose = displaced(pose, np.array([1e-3, -2e-3, 0.0, 0.0, 0.0, 1e-3]))
+    closure = model.closure(q, range(len(mechanism.parameters)))
+    shifted = [[Model(mechanism, mechanism.values + step).closure(q) for step in (ahead, -ahead)]
+               for ahead in STEP * np.eye(len(mechanism.values))]
     for at in [*readable(mechanism, 0), *readable(mechanism, 1)]:
-        closure = model.closure(q, range(len(mechanism.parameters)))
         found = JointReading(closure, pose, at)
         for c in mechanism.dof:
             step = STEP * np.eye(6)[c]
@@ -75,11 +77,7 @@ def test_derivatives_are_those_of_differences(name: str) -> None:
         columns = closure.columns[found.limb]
         by_parameters = found.by_parameters(columns, closure.slots[found.limb])
         for place, p in enumerate(columns):
-            ends = []
-            for sign in (1.0, -1.0):
-                g = mechanism.values.copy()
-                g[p] += sign * STEP
-                ends.append(value(Model(mechanism, g), q, pose, at))
+            ends = [JointReading(other, pose, at).value for other in shifted[p]]
             np.testing.assert_allclose(by_parameters[:, place], (ends[0] - ends[1]) / (2.0 * STEP),
                                        atol=2e-8, rtol=1e-6, err_msg=mechanism.names[p])
         for a in range(q.shape[1]):

@@ -59,7 +59,9 @@ def coordinates_of(model, q):
     return [next(driven) if limb.driven else None for limb in model.mechanism.limbs]
 
 
-@pytest.mark.slow_cases("offset (P)US base", "offset (P)US platform", "offset (R)US platform")
+@pytest.mark.slow_cases(
+    "offset (P)US base", "offset (P)US platform", "offset (R)US base", "offset (R)US platform",
+    "offset U(P)S base", "offset U(P)S platform", "cable-8-pulleys")
 @pytest.mark.parametrize("name", MACHINES)
 def test_every_limb_is_one_line_from_the_files_base_point_to_the_platforms(name):
     model, _, pose, limbs = placed(name)

@@ -45,6 +45,7 @@ def moved(model: Model, index: int, step: float) -> Model:
     return Model(model.mechanism, g)
 
 
+@pytest.mark.long_cases("(P)US-base", "(R)US-base", "U(P)S-platform")
 @each
 @pytest.mark.slow
 def test_the_closure_is_that_of_the_joint_turned_explicitly(kind: str, body: str) -> None:
@@ -119,6 +120,7 @@ def test_pose_and_joint_derivatives_are_those_of_the_explicit_joint(kind: str, b
     machines.assert_slopes_of_lengths(model, q, pose, by_joint_atol=3e-9)
 
 
+@pytest.mark.long_cases("(P)US-base", "(R)US-platform", "U(P)S-platform")
 @pytest.mark.slow
 @each
 def test_error_jacobian_is_that_of_refitted_forward_kinematics(kind: str, body: str) -> None:
@@ -153,6 +155,7 @@ def test_forward_and_inverse_undo_each_other(kind: str, body: str) -> None:
     assert np.abs(machines.difference(there.pose, pose)).max() < 1e-12
 
 
+@pytest.mark.long_cases("(P)US-base", "(R)US-platform", "U(P)S-platform")
 @pytest.mark.slow
 @each
 def test_the_branch_stays(kind: str, body: str) -> None:
@@ -243,6 +246,7 @@ def test_a_rod_within_the_offset_of_the_first_axis_is_refused(kind: str, body: s
     assert np.isnan(gone.pose).all()
 
 
+@pytest.mark.long_cases("(P)US-base", "(R)US-platform")
 @pytest.mark.slow
 @pytest.mark.parametrize("body", ["base", "platform"])
 @pytest.mark.parametrize("kind", ["(P)US", "(R)US"])

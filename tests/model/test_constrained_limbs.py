@@ -76,7 +76,9 @@ def test_a_serial_chain_through_the_passive_joints_closes(kind: str, shifted: bo
         assert np.all(singular[:, -1] > 1e-2)
 
 
-@pytest.mark.long_cases("perturbed-UPR", "perturbed-UPU", "nominal-UPR", "nominal-UPU")
+@pytest.mark.long_cases(
+    "perturbed-UPR", "perturbed-UPU", "nominal-UPR", "nominal-UPU", "nominal-U(P)U",
+    "nominal-(R)RPaU", "nominal-U(P)R", "perturbed-UP", "perturbed-(P)RRR")
 @each
 @at_both
 @pytest.mark.slow

@@ -573,6 +573,7 @@ def test_derivatives_of_what_a_file_makes(name: str, read: str) -> None:
     assert {n: a for n, a in slopes_apart(problem, state).items() if a > 1e-3} == {}
 
 
+@pytest.mark.long_cases("6-RUS-loaded", "6-UPS-loaded", "linapod-light")
 @pytest.mark.slow
 @pytest.mark.parametrize("heavy", [False, True], ids=["light", "loaded"])
 @pytest.mark.parametrize("name", sorted(set(MACHINES) - set(FEW)))

@@ -140,7 +140,7 @@ def test_the_gap_with_finite_frame_errors_is_the_matrix_chains(kind: str) -> Non
                                    machines.limb_lengths(model, q, at), rtol=0.0, atol=3e-15)
 
 
-@pytest.mark.long_cases("perturbed-(R)US")
+@pytest.mark.long_cases("perturbed-(R)US", "nominal-(P)US", "nominal-U(P)S")
 @pytest.mark.slow
 @each
 @at_both

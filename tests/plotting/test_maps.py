@@ -324,6 +324,7 @@ def test_pictures_leave_no_state_and_need_no_display():
     subprocess.run([sys.executable, "-W", "error", "-c", code], check=True, timeout=60)
 
 
+@pytest.mark.slow
 def test_slice_axes_are_drawn_to_one_scale_where_both_are_lengths():
     m = machine("linapod")
     grid = slice_grid(m, slice_axes(m), (9, 9))

@@ -187,6 +187,7 @@ def test_thousands_of_dots_are_small():
     assert blue.any(axis=0).mean() > 0.75
 
 
+@pytest.mark.slow
 def test_each_of_some_dots_is_there_in_pixels_too():
     """Ends in whole pixels would leave a dot no length, and nothing to draw."""
     def blue(count):

@@ -47,7 +47,9 @@ def scene_in(page):
 
 
 @pytest.mark.slow_cases(
-    "6-PUS", "6-RUS", "cable-8-pulleys", "delta-linear-6rods", "delta-rotary-6rods", "(R)US")
+    "6-PUS", "6-RUS", "cable-8-pulleys", "delta-linear-6rods", "delta-rotary-6rods", "(R)US",
+    "(P)US", "U(P)S", "3-UPU", "cable-8", "delta-parallelograms", "linapod", "mixed-spatial",
+    "passive-legs", "stewart-7")
 @pytest.mark.parametrize("name", [*CONFIGS, *KINDS])
 def test_every_machine_is_drawn_with_all_its_limbs(name):
     machine = config(name) if name in CONFIGS else plain(name)
@@ -155,6 +157,7 @@ def test_the_other_branch_of_a_limb_is_another_line():
     assert scene_of("6-UPS").machines[0].other == ((),) * 6
 
 
+@pytest.mark.slow
 def test_present_values_lie_over_the_nominal_ones_and_are_magnified():
     machine = plain("U(P)S")
     g = machine.values.copy()

@@ -243,6 +243,7 @@ UNREAD = ("euler-moving-zyx-in-order", "swapped-and-typos")
 MENDED = [n for n, c in CASES.items() if c.group == "mistake" and n not in UNREAD]
 
 
+@pytest.mark.long_cases("euler-fixed-zyz", "euler-moving-xyz", "euler-fixed-zyx")
 @pytest.mark.slow
 @pytest.mark.parametrize("case", MENDED)
 def test_the_mend_restores_the_file(case):

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import takewhile
 
 import numpy as np
 
@@ -93,10 +94,14 @@ def ways(alone: Problem, as_read: Score) -> list[Way]:
 
 def _near_nominal(alone: Problem) -> list[ColumnInterpretation]:
     """Return the readings that come nearest to the nominal machine."""
-    found = [f for f in search_readings(alone.mechanism, alone.datasets[0]) if f[1].parts]
-    near = [f for f in found if f[0] <= NEAR_BEST * found[0][0]]
+    ordered = iter(search_readings(alone.mechanism, alone.datasets[0]))
+    best = next((f for f in ordered if f[1].parts), None)
+    if best is None:
+        return []
+    near = [best, *(f for f in takewhile(lambda f: f[0] <= NEAR_BEST * best[0], ordered)
+                    if f[1].parts)]
     near = sorted(near, key=lambda f: (f[1].parts, f[0]))[:TRIED]
-    return [reading for _, reading in (*near, *found[:1])]
+    return [reading for _, reading in (*near, best)]
 
 
 def _near_fit(alone: Problem) -> list[ColumnInterpretation]:
@@ -225,7 +230,8 @@ class _Scene:
                 replace(pose, turns=r.turns, rotation=r.rotation) for r in rotations]
             alike = pose.mirror, pose.inverse and int(p[f])
             if alike not in turned:
-                turned[alike] = np.stack([r.measured(self.data)[1] for r in own])
+                turned[alike] = self._rotations(np.stack(
+                    [r.measured(self.data)[1] for r in own]))
             angles = self._rotation_misses(frames[f] @ self.turns[c[f]], turned[alike])
             score = np.hypot(median[f], self.mechanism.length_scale * np.nan_to_num(angles))
             out += zip((score / sizes[c[f]]).tolist(), own, strict=True)
@@ -279,16 +285,21 @@ class _Scene:
             weight = np.where(whole & (miss <= TRIMMED * median[:, None]), 1.0, 1e-9 * whole)
         return median, frame
 
-    def _rotation_misses(self, predicted: Array, seen: Array) -> Array:
-        """Return the median angle (R,) between predicted (n, 3, 3) and measured turns (R, n, 3)."""
+    def _rotations(self, seen: Array) -> Array:
+        """Return measured turns (R, n, 3) as matrices (R, n, 3, 3), nan where there is none."""
         turn = np.where([True, True, False], 0.0, seen) if self.planar else seen
-        whole = np.asarray(np.isfinite(turn).all(axis=-1)
+        finite = np.asarray(np.isfinite(turn).all(axis=-1))[..., None]
+        matrices = cga.rotation_matrix(cga.motor_from_rotation_vector(
+            np.where(finite, turn, 0.0), np.zeros(3)))
+        return np.where(finite[..., None], matrices, np.nan)
+
+    def _rotation_misses(self, predicted: Array, measured: Array) -> Array:
+        """Return the median angle (R,) between predicted (n, 3, 3) and measured (R, n, 3, 3)."""
+        whole = np.asarray(np.isfinite(measured[..., 0, 0])
                            & np.isfinite(predicted).all(axis=(-1, -2)))
         if not whole.any():
-            return np.full(len(seen), np.nan)
-        measured = cga.rotation_matrix(cga.motor_from_rotation_vector(
-            np.where(whole[..., None], turn, 0.0), np.zeros(3)))
-        body = np.swapaxes(np.nan_to_num(predicted), -1, -2) @ measured
+            return np.full(len(measured), np.nan)
+        body = np.swapaxes(np.nan_to_num(predicted), -1, -2) @ np.nan_to_num(measured)
         body = np.where(whole[..., None, None], body, 0.0)
         if self.data.target_rotation.fitted:
             own = nearest_rotation(body.sum(axis=1), self.planar)[:, None]
