@@ -27,6 +27,8 @@ from ppmcal.model.mechanism import Mechanism
 
 MANY = 1000
 """From so many rows on the compiled path pays for its import, half a second with what is kept."""
+SURPLUS = 10
+"""A row of surplus limbs is worth so many others: its pose is sought twice, in longer searches."""
 FORMS = {"sphere": 0, "base plane": 1, "platform plane": 2, "angle": 3,
          "between axes": 4, "over sheave": 5, "over swivel": 6}
 OVER = ("over sheave", "over swivel")
@@ -125,10 +127,20 @@ class CompiledLimbs:
         return np.ascontiguousarray(np.broadcast_to(values, (count, values.shape[1])))
 
 
+def worth(mechanism: Mechanism, rows: int) -> int:
+    """Return how many rows of a machine without surplus limbs so many rows take as long as."""
+    return rows * SURPLUS if mechanism.surplus else rows
+
+
+def pays(mechanism: Mechanism, rows: int) -> bool:
+    """Whether so many rows are enough for the compiled path, where there is one."""
+    return worth(mechanism, rows) >= MANY
+
+
 def compiled_limbs(closure: Closure, rows: int) -> CompiledLimbs | None:
     """Return a closure's compiled form for so many rows; None where NumPy is the way."""
     mechanism = closure.model.mechanism
-    if rows < MANY or closure.model.parameters.ndim > 1:
+    if not pays(mechanism, rows) or closure.model.parameters.ndim > 1:
         return None
     if mechanism.surplus and not _each_driven(mechanism):
         return None
