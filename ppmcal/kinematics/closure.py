@@ -64,6 +64,11 @@ class Model:
             out[limb][slot] = out[limb].get(slot, 0.0) + change
         return tuple(out)
 
+    @cached_property
+    def tables(self) -> dict[object, object]:
+        """What compiled loops take of it, by what is asked (:mod:`compiled_limbs`), made once."""
+        return {}
+
     def joint_coordinate(self, limb: int, q: Array) -> Array:
         """Return u = ratio q + offset of one limb with a drive, (N,); m or rad."""
         v = self.limb_values[limb]

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
@@ -27,6 +28,8 @@ from ppmcal.model.mechanism import Mechanism
 
 MANY = 1000
 """From so many rows on the compiled path pays for its import, half a second with what is kept."""
+SURPLUS = 10
+"""A row of surplus limbs is worth so many others: its pose is sought twice, in longer searches."""
 FORMS = {"sphere": 0, "base plane": 1, "platform plane": 2, "angle": 3,
          "between axes": 4, "over sheave": 5, "over swivel": 6}
 OVER = ("over sheave", "over swivel")
@@ -125,19 +128,56 @@ class CompiledLimbs:
         return np.ascontiguousarray(np.broadcast_to(values, (count, values.shape[1])))
 
 
+def worth(mechanism: Mechanism, rows: int) -> int:
+    """Return how many rows of a machine without surplus limbs so many rows take as long as."""
+    return rows * SURPLUS if mechanism.surplus else rows
+
+
+def pays(mechanism: Mechanism, rows: int) -> bool:
+    """Whether so many rows are enough for the compiled path, where there is one."""
+    return worth(mechanism, rows) >= MANY
+
+
 def compiled_limbs(closure: Closure, rows: int) -> CompiledLimbs | None:
     """Return a closure's compiled form for so many rows; None where NumPy is the way."""
     mechanism = closure.model.mechanism
-    if rows < MANY or closure.model.parameters.ndim > 1:
+    if not pays(mechanism, rows) or closure.model.parameters.ndim > 1:
         return None
     if mechanism.surplus and not _each_driven(mechanism):
         return None
+    made = _tables(closure)
+    if made is None:
+        return None
+    limbs, chains = made
+    u = np.zeros((max(g.values[U].shape[0] for g in closure.groups if g.kind.driven),
+                  len(mechanism.limbs)))
+    for group in closure.groups:
+        if group.kind.driven:
+            u[:, list(group.limbs)] = group.values[U]
+    return CompiledLimbs(closure, limbs, u, chains)
+
+
+Tables = tuple[LimbTables, tuple[tuple[DrivenChain, ...], ...]]
+
+
+def _tables(closure: Closure) -> Tables | None:
+    """Return a closure's tables with its chains: made once of a model alike for all rows."""
+    model = closure.model
+    if model.shift is not None:
+        return _made(closure)
+    key = tuple((group.wanted, group.turning, group.pose is None) for group in closure.groups)
+    if key not in model.tables:
+        model.tables[key] = _made(closure)
+    return cast(Tables | None, model.tables[key])
+
+
+def _made(closure: Closure) -> Tables | None:
+    mechanism = closure.model.mechanism
     first = np.cumsum([0, *(limb.kind.surface.equations for limb in mechanism.limbs)])
     count = len(mechanism.limbs)
     ends, drive = np.zeros((count, CHAINS, 3, 12)), np.zeros((count, CHAINS), dtype=np.int64)
     form, axis, other = np.zeros((3, int(first[-1])), dtype=np.int64)
     wheel = np.zeros(count)
-    u = np.zeros((max(g.values[U].shape[0] for g in closure.groups if g.kind.driven), count))
     every = []
     for group in closure.groups:
         kind, own = group.kind, list(group.limbs)
@@ -157,12 +197,9 @@ def compiled_limbs(closure: Closure, rows: int) -> CompiledLimbs | None:
             drive[own, k], ends[own, k] = how, where
         form[group.rows], axis[group.rows] = [FORMS[f.name] for f in forms], [f.axis for f in forms]
         other[group.rows] = [f.other for f in forms]
-        if kind.driven:
-            u[:, own] = group.values[U]
         every.append(chains)
-    tables = LimbTables(ends, drive, first, np.repeat(np.arange(count), np.diff(first)), form, axis,
-                        other, np.array(mechanism.dof), wheel)
-    return CompiledLimbs(closure, tables, u, tuple(every))
+    return LimbTables(ends, drive, first, np.repeat(np.arange(count), np.diff(first)), form, axis,
+                      other, np.array(mechanism.dof), wheel), tuple(every)
 
 
 def _each_driven(mechanism: Mechanism) -> bool:

@@ -177,7 +177,8 @@ def _newton(model: Model, q: Array, closed: Array) -> Array:
         if lost.size:
             out[lost] = forward(model.take(lost), q[lost], of=of).pose
         if model.mechanism.surplus:
-            out[rows] = least_of_minima(model.take(rows), q[rows], out[rows])
+            out[rows] = least_of_minima(model.take(rows), q[rows], out[rows],
+                                        given_up=~finite_rows(out[rows]))
     return out
 
 

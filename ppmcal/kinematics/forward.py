@@ -9,21 +9,19 @@ A row that meets a singularity on the way is reported, never returned.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from itertools import combinations
 
 import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal import linalg
 from ppmcal.kinematics.closure import Closure, Model
-from ppmcal.kinematics.compiled_limbs import CompiledLimbs, compiled_limbs
+from ppmcal.kinematics.compiled_limbs import CompiledLimbs, compiled_limbs, worth
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.least_squares_closure import newton_step
-from ppmcal.linalg import Array, Bools, finite_rows
-from ppmcal.model.mechanism import Mechanism
+from ppmcal.kinematics.limb_sets import exact_sets, with_limbs
+from ppmcal.linalg import Array, Bools, Ints, finite_rows
 
 CONTRACTION = 0.25
 """A second Newton step above this part of the first means: lead the joints in smaller steps."""
@@ -40,10 +38,6 @@ STANDS_OUT, STANDS_OUT_ANEW = 3.3e-2, 1e-4
 """Rows of surplus limbs whose squared gaps noise makes so large as rarely as this are looked at
 again: on the way from home, and where a fit moves on from poses that were."""
 ROUND_OFF = 1e-10
-MOST_COMBINATIONS, MOST_PARTS = 1000, 8
-"""Sets of limbs that close a machine: so many are listed, and so many tried."""
-SOUND = 1e-3
-"""Smallest singular value at home of limbs that are tried."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +86,7 @@ def forward(model: Model, q: Array, start: Array | None = None, start_q: Array |
         pose[some] = np.where(found[:, None], closest, pose[some])
     progress = np.zeros(q.shape[0])
     result = np.full_like(pose, np.nan)
+    parts = _Parts(model, q, of)
     rows = np.flatnonzero(usable)
     if rows.size:
         solved, good = _attempt(model.take(rows), q[rows], pose[rows], of)
@@ -99,64 +94,102 @@ def forward(model: Model, q: Array, start: Array | None = None, start_q: Array |
         progress[rows[good]] = 1.0
         rest = rows[~good]
         if rest.size and model.mechanism.surplus and start is None:
-            result[rest] = _led_by_parts(model.take(rest), q[rest], of)
+            result[rest] = _led_by_parts(parts, rest)
             progress[rest] = finite_rows(result[rest])
             rest = rest[progress[rest] < 1.0]
         if rest.size:
             result[rest], progress[rest] = _lead(model.take(rest), origin[rest], q[rest],
                                                  pose[rest], of)
     if model.mechanism.surplus and start is None:
-        result = least_of_minima(model, q, result, STANDS_OUT)
+        result = _least_of_minima(parts, result, STANDS_OUT)
         progress[finite_rows(result)] = 1.0
     return Forward(result, progress >= 1.0, progress)
 
 
 def least_of_minima(model: Model, q: Array, pose: Array, rare: float = STANDS_OUT_ANEW,
-                    start: Array | None = None, start_q: Array | None = None) -> Array:
+                    start: Array | None = None, start_q: Array | None = None,
+                    given_up: Bools | None = None) -> Array:
     """Return poses (N, 8) of which far-off rows are where their limbs contradict each other least.
 
     Least squares have minima besides, in which limbs that agree elsewhere are kept apart. As many
     limbs as close the machine exactly lead from home to the right one, unless they meet a
     singularity on the way: several sets of them are tried, for rows that stand out: those whose
     gaps noise makes as rarely as ``rare``, and those without a pose. ``start`` (N, 8) and
-    ``start_q`` (N, k) are where the way begins, default home.
+    ``start_q`` (N, k) are where the way begins, default home. ``given_up`` (N,): rows to which
+    :func:`forward` found no way, by the same sets from the same home.
     """
-    of = len(q)
+    return _least_of_minima(_Parts(model, q, len(q), start, start_q), pose, rare, given_up)
+
+
+def _least_of_minima(parts: _Parts, pose: Array, rare: float, given_up: Bools | None = None
+                     ) -> Array:
+    model, q, of = parts.model, parts.q, parts.of
     least = _gap_square(model, q, pose, of)
     known = least[np.isfinite(least)]
     most = _times_the_median(model.mechanism.surplus, rare)
     usual = np.median(known) if known.size else 0.0
     far = finite_rows(q) & ~(least <= most * usual + (ROUND_OFF * model.mechanism.reach) ** 2)
-    if not far.any():
+    rows = np.flatnonzero(far if given_up is None else far & ~given_up)
+    if not rows.size:
         return pose
     pose = pose.copy()
-    rows = np.flatnonzero(far)
-    whole, joints = model.take(rows), q[rows]
-    begin, begin_q = (None if v is None else v[rows] for v in (start, start_q))
-    for some in _exact_sets(model.mechanism):
-        found, converged, _ = _by_part(whole, some, joints, of, begin, begin_q)
-        value = np.where(converged, _gap_square(whole, joints, found, of), np.inf)
+    for some in exact_sets(model.mechanism):
+        found, converged, _ = parts.led(some, rows)
+        value = np.where(converged, _gap_square(model.take(rows), q[rows], found, of), np.inf)
         better = value < np.where(np.isfinite(least[rows]), 0.99 * least[rows], np.inf)
         pose[rows[better]], least[rows[better]] = found[better], value[better]
     return pose
 
 
-def _led_by_parts(model: Model, q: Array, of: int) -> Array:
-    """Return poses (N, 8) of a machine with surplus limbs led from home, nan where none is found.
+def _led_by_parts(parts: _Parts, rows: Ints) -> Array:
+    """Return poses (n, 8) of some rows of a machine with surplus limbs, nan where none is found.
 
     All its joints on an even way contradict each other between the ends, by more than at either;
     those of as many limbs as close it do not. From there it is near, for one set or another.
     """
-    out = np.full((len(q), 8), np.nan)
-    rows = np.arange(len(q))
-    for some in _exact_sets(model.mechanism):
-        found, converged, contraction = _by_part(model.take(rows), some, q[rows], of)
+    out = np.full((len(rows), 8), np.nan)
+    left = np.arange(len(rows))
+    for some in exact_sets(parts.model.mechanism):
+        found, converged, contraction = parts.led(some, rows[left])
         good = converged & (contraction <= CONTRACTION)
-        out[rows[good]] = found[good]
-        rows = rows[~good]
-        if not rows.size:
+        out[left[good]] = found[good]
+        left = left[~good]
+        if not left.size:
             break
     return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Parts:
+    """Rows of a surplus machine, to which some of its limbs lead that close it exactly.
+
+    Attributes:
+        model, q: the machine and joint values (N, k).
+        of: as in :func:`forward`.
+        start, start_q: where the way begins, default home.
+        known: by set of limbs what :func:`newton` did from there, of rows that were asked for (N,).
+    """
+
+    model: Model
+    q: Array
+    of: int
+    start: Array | None = None
+    start_q: Array | None = None
+    known: dict[tuple[int, ...], tuple[Array, Bools, Array, Bools]] = field(default_factory=dict)
+
+    def led(self, some: tuple[int, ...], rows: Ints) -> tuple[Array, Bools, Array]:
+        """Return motors (n, 8), converged (n,) and contraction (n,) of rows, each led once."""
+        n = len(self.q)
+        pose, converged, contraction, there = self.known.setdefault(some, (
+            np.full((n, 8), np.nan), np.zeros(n, dtype=bool), np.full(n, np.inf),
+            np.zeros(n, dtype=bool)))
+        new = rows[~there[rows]]
+        if new.size:
+            pose[new], converged[new], contraction[new] = _by_part(
+                self.model.take(new), some, self.q[new], self.of,
+                *(None if v is None else v[new] for v in (self.start, self.start_q)))
+            there[new] = True
+        return pose[rows], converged[rows], contraction[rows]
 
 
 def _by_part(model: Model, some: tuple[int, ...], q: Array, of: int, start: Array | None = None,
@@ -164,7 +197,7 @@ def _by_part(model: Model, some: tuple[int, ...], q: Array, of: int, start: Arra
     """Return what :func:`newton` does from where some limbs lead that close the machine exactly."""
     part, driven = with_limbs(model, some)
     led = forward(part, q[:, driven], start, None if start_q is None else start_q[:, driven],
-                  of).pose
+                  worth(model.mechanism, of)).pose
     found, converged, contraction = newton(model.closure(q), led, of=of)
     # a way round by a whole turn comes back with the other sign of the same motor
     near = model.mechanism.home if start is None else start
@@ -188,45 +221,6 @@ def _gap_square(model: Model, q: Array, pose: Array, of: int) -> Array:
         return tables.gap_squares(pose)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.sum(closure.lengths(pose) ** 2, axis=1))
-
-
-@lru_cache(maxsize=64)
-def _exact_sets(mechanism: Mechanism) -> tuple[tuple[int, ...], ...]:
-    """Return sets of as few limbs as close a machine, best conditioned at home first."""
-    sizes = [limb.kind.surface.equations for limb in mechanism.limbs]
-    wanted = len(mechanism.dof)
-    chosen = []
-    every = range(len(sizes))
-    a = Model(mechanism).closure(home_state(mechanism).q).pose_matrix(mechanism.home)[0]
-    a[:, [c >= 3 for c in mechanism.dof]] /= mechanism.length_scale
-    first = np.cumsum([0, *sizes])
-    for some in (s for count in every for s in combinations(every, count + 1)
-                 if sum(sizes[i] for i in s) == wanted):
-        own = a[[r for i in some for r in range(first[i], first[i + 1])]]
-        chosen.append((float(linalg.singular_values(own)[-1]), some))
-        if len(chosen) > MOST_COMBINATIONS:
-            break
-    return tuple(some for value, some in sorted(chosen, reverse=True)[:MOST_PARTS] if value > SOUND)
-
-
-def with_limbs(model: Model, some: Sequence[int]) -> tuple[Model, list[int]]:
-    """Return the machine with some of its limbs, and which actuators they have."""
-    shift = model.shift and replace(model.shift, slots={
-        (some.index(i), slot): v for (i, slot), v in model.shift.slots.items() if i in some})
-    part, driven = _part_of(model.mechanism, tuple(some))
-    return replace(model, shift=shift, mechanism=part), driven
-
-
-@lru_cache(maxsize=64)
-def _part_of(mechanism: Mechanism, some: tuple[int, ...]) -> tuple[Mechanism, list[int]]:
-    """Return the machine with some of its limbs; kept, as what is known of its home is."""
-    chosen = [mechanism.limbs[i] for i in some]
-    driven = sorted({limb.actuator for limb in chosen if limb.driven})
-    limbs = tuple(replace(limb, actuator=driven.index(limb.actuator)) if limb.driven else limb
-                  for limb in chosen)
-    part = replace(mechanism, limbs=limbs, actuators=tuple(mechanism.actuators[a] for a in driven),
-                   limits=mechanism.limits[driven], home_q=mechanism.home_q[driven], effects=())
-    return part, driven
 
 
 def _attempt(model: Model, q: Array, pose: Array, of: int, smallest: float = STEP

@@ -8,7 +8,9 @@ from helpers.redundant import belts, cables, gapped, machine, rope_cage, stewart
 
 from ppmcal.io import read_mechanism
 from ppmcal.kinematics import compiled_limbs
+from ppmcal.kinematics import forward as forward_module
 from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.equilibrium import settle
 from ppmcal.kinematics.forward import (
     forward,
     least_of_minima,
@@ -16,8 +18,10 @@ from ppmcal.kinematics.forward import (
     newton,
     smallest_singular_value,
 )
-from ppmcal.kinematics.inverse import inverse
+from ppmcal.kinematics.inverse import home_state, inverse
+from ppmcal.kinematics.limb_sets import exact_sets
 from ppmcal.kinematics.tables import forward_table
+from ppmcal.model.dataset import unknown_environment
 
 # on a new machine each of these compiles for seconds
 pytestmark = pytest.mark.slow
@@ -135,6 +139,49 @@ def test_limbs_that_share_a_drive_have_no_compiled_form(tmp_path, monkeypatch):
     monkeypatch.setattr(compiled_limbs, "MANY", 1)
     q = np.tile(mechanism.home_q, (COUNT, 1))
     assert compiled_limbs.compiled_limbs(Model(mechanism).closure(q), COUNT) is None
+
+
+def test_a_row_that_no_way_leads_to_is_led_by_each_set_of_limbs_once(tmp_path, monkeypatch):
+    mechanism = machine(tmp_path, cables())
+    model, by_part, led = Model(mechanism), forward_module._by_part, []
+
+    def counted(model, some, q, *more):
+        led.extend((some, *row) for row in q)
+        return by_part(model, some, q, *more)
+
+    monkeypatch.setattr(forward_module, "_by_part", counted)
+    q = np.tile(home_state(mechanism).q, (3, 1))
+    q[1] *= 5.0
+    pose = np.tile(mechanism.home, (3, 1))
+    found = settle(model, q, unknown_environment(*q.shape), pose)[0]
+    assert not np.isfinite(found[1]).any()
+    assert np.isfinite(found[[0, 2]]).all()
+    assert sorted({some for some, *_ in led}) == sorted(exact_sets(mechanism))
+    assert len(set(led)) == len(led)
+
+
+def test_tables_are_made_once_of_a_model_and_follow_the_joints(rows, monkeypatch):
+    model, q, _ = rows
+    monkeypatch.setattr(compiled_limbs, "MANY", 1)
+    model = Model(model.mechanism)
+    one, other = (compiled_limbs.compiled_limbs(model.closure(own), COUNT) for own in (q, 1.01 * q))
+    assert one.limbs is other.limbs
+    assert not np.array_equal(one.u, other.u)
+    place = next(i for i, p in enumerate(model.mechanism.parameters) if ".point." in p.name)
+    moved_on = Model(model.mechanism, model.parameters + 1e-3 * np.eye(len(
+        model.mechanism.parameters))[place])
+    assert compiled_limbs.compiled_limbs(moved_on.closure(q), COUNT).limbs is not one.limbs
+    columns = compiled_limbs.compiled_limbs(model.closure(q, model.mechanism.free), COUNT)
+    assert columns.chains is not one.chains
+
+
+def test_a_row_of_surplus_limbs_is_worth_several_others(tmp_path):
+    tall, square = machine(tmp_path, stewart(7)), machine(tmp_path, stewart(6))
+    few = compiled_limbs.MANY // compiled_limbs.SURPLUS
+    assert compiled_limbs.pays(tall, few)
+    assert not compiled_limbs.pays(tall, few - 1)
+    assert not compiled_limbs.pays(square, few)
+    assert compiled_limbs.pays(square, compiled_limbs.MANY)
 
 
 def test_far_rows_are_not_taken_for_beyond_a_singularity():

@@ -128,7 +128,7 @@ class Sighting:
 
     def likely_poses(self, rows: Ints, pose: Array, closure: Closure) -> Array | None:
         """Return where some rows (n,) most likely stood (n, 8), None where NumPy is the way."""
-        if rows.size < compiled_limbs.MANY or not self.plain:
+        if not compiled_limbs.pays(self.mechanism, rows.size) or not self.plain:
             return None
         tables = compiled_limbs.compiled_limbs(closure, rows.size)
         return None if tables is None else self.likely(rows, pose, tables).pose

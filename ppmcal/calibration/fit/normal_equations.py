@@ -71,7 +71,7 @@ def row_squares(problem: Problem, state: State, index: int, rows: Bools,
     elif problem.mechanism.surplus:
         own = _likely_squares(problem, state, index, at)
     elif sighting.plain:
-        if at.size < compiled_limbs.MANY:
+        if not compiled_limbs.pays(problem.mechanism, at.size):
             own = _few_squares(problem, state, index, at)
         else:
             from ppmcal.calibration.fit.compiled_rows import row_squares as squares
@@ -108,7 +108,7 @@ def _few_squares(problem: Problem, state: State, index: int, rows: Ints) -> Arra
 def _likely_squares(problem: Problem, state: State, index: int, rows: Ints) -> Array | None:
     """Return the white squares (n,) of rows whose limbs are surplus, None without a form."""
     out, sighting = [], problem.sighting(index, state)
-    if rows.size < compiled_limbs.MANY or not sighting.plain:
+    if not compiled_limbs.pays(problem.mechanism, rows.size) or not sighting.plain:
         return None
     weight, model = problem.datasets[index].weight, Model(problem.mechanism, state.g)
     for some in _pieces(rows):
@@ -160,7 +160,7 @@ def _compiled_rows(problem: Problem, state: State, index: int, keep: Bools,
     """Yield some rows (N,) of a data set by pieces, nothing where they have no compiled form."""
     at = np.flatnonzero(keep & finite_rows(state.poses[index]))
     sighting = problem.sighting(index, state)
-    if at.size < compiled_limbs.MANY or not sighting.plain:
+    if not compiled_limbs.pays(problem.mechanism, at.size) or not sighting.plain:
         return
     data, model = problem.datasets[index], Model(problem.mechanism, state.g)
     opened = problem.opens[index]

@@ -24,9 +24,10 @@ from ppmcal.calibration.interpretation.limits import LANDS, TELLING
 from ppmcal.calibration.interpretation.readings import ColumnInterpretation
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.forward import newton, with_limbs
+from ppmcal.kinematics.forward import newton
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.least_squares_closure import with_gaps
+from ppmcal.kinematics.limb_sets import with_limbs
 from ppmcal.kinematics.singular_structure import singular_structure
 from ppmcal.kinematics.tables import SINGULAR_HOME, home_singular_value
 from ppmcal.linalg import Array, Bools, finite_rows
