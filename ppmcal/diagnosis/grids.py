@@ -35,7 +35,8 @@ class Grids:
         """
         specs = kind.parameters(self.mechanism.motion)
         data = self._range(part)
-        tried = {s.name: s.scan(data) for s in specs if s.scan is not None}
+        tried = {s.name: _meeting(s.scan(data)) if s.scaling else s.scan(data)
+                 for s in specs if s.scan is not None}
         optional = [s for s in specs if s.optional]
         own = {n: v for n, v in tried.items() if n not in [s.name for s in optional]}
         grid = self._combined(kind, own)
@@ -102,6 +103,17 @@ class Grids:
         names = self.mechanism.actuators
         return any(lacking(spec.needs, names, range(len(names)), p.response.rows)
                    for p in self.system.parts)
+
+
+def _meeting(sizes: Sequence[float]) -> list[float]:
+    """Return sizes, with others between those whose ranges do not meet."""
+    out = list[float]()
+    for size in sorted(sizes):
+        if out and size > NEAR**2 * out[-1]:
+            steps = int(np.ceil(np.log(size / out[-1]) / np.log(NEAR**2)))
+            out += np.geomspace(out[-1], size, steps + 1)[1:-1].tolist()
+        out.append(size)
+    return out
 
 
 def start_values(kind: EffectKind, motion: Motion) -> dict[str, float]:

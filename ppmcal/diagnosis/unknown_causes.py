@@ -165,20 +165,24 @@ class UnknownCauses:
         """Yield what a joint does at each pose by itself, the same at each visit.
 
         That is a function of its travel too fine for its course to be seen, such as a wave of a
-        pitch that nobody listed. What is not visited twice does not tell it from noise. Limbs that
-        pull against each other do so at each pose by as much as friction leaves there.
+        pitch that nobody listed, or where poses are visited once a scatter of its own. One number
+        that is not taken twice does not tell it from noise. Limbs that pull against each other do
+        so at each pose by as much as friction leaves there.
         """
         group = self.system.group
         poses, place = np.unique(group, return_inverse=True)
-        if not 1 < 2 * poses.size <= min(group.size, 2 * MOST_POSES):
+        again = 2 * poses.size <= group.size
+        if not 1 < poses.size <= MOST_POSES or not (
+                again or self.system.count >= 2 * group.size):
             return
         there = np.eye(poses.size)[place][:, None, :]
         each = {way.split()[-1]: (unit[..., None] * there).reshape(-1, poses.size)
                 for way, unit in self.zeros.items() if way != ALL_ZEROS}
         for name, own in each.items():
-            yield (f"a function of travel too fine to be seen acting on {name}", own,
+            yield (f"a function of travel too fine to be seen acting on {name}" if again else
+                   f"something that differs from row to row acting on {name}", own,
                    [np.eye(poses.size)], False, None, ())
-        if self.system.problem.mechanism.surplus and ALL_ZEROS in self.zeros:
+        if again and self.system.problem.mechanism.surplus and ALL_ZEROS in self.zeros:
             every = np.concatenate(list(each.values()), axis=1)
             yield (PULLS, every,
                    [np.eye(every.shape[1])], True, None, ())

@@ -92,7 +92,7 @@ class SetPosterior:
         """
         found: dict[str, float] = defaultdict(float)
         for member in self.members(place):
-            found[member.family] += member.probability
+            found[member.family] = min(found[member.family] + member.probability, 1.0)
         return dict(sorted(found.items(), key=lambda f: -f[1]))
 
     def members(self, place: int) -> list[Member]:
@@ -141,7 +141,7 @@ class SetPosterior:
         for key, p in log_p.items():
             found[self._in_place(self.best.chosen[place], key)].append((p, key))
         members = {what: Member(" and ".join(sorted({family for family, _ in what})),
-                                float(np.exp(linalg.logsumexp([p for p, _ in own]))),
+                                min(float(np.exp(linalg.logsumexp([p for p, _ in own]))), 1.0),
                                 max(own, key=lambda o: o[0])[1]) for what, own in found.items()}
         return dict(sorted(members.items(), key=lambda m: -m[1].probability))
 
