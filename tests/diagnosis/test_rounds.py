@@ -149,7 +149,7 @@ def test_what_was_found_and_has_no_fit_is_told(slipped: Fit, monkeypatch: pytest
         raise NoResult("no pose is reached")
 
     monkeypatch.setattr(explanation, "with_mechanism", none)
-    monkeypatch.setattr(moves, "SETS", 10)
+    monkeypatch.setattr(moves, "SETS", 20)
     (only,) = explained(slipped, FitOptions(), ["zero_shift"])
     assert not only.cut and only.answer.ended
     said = only.given_up[-1]
@@ -161,6 +161,6 @@ def test_a_search_without_end_is_given_up_and_says_so(slipped: Fit,
                                                       monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cause_sizes, "LINEAR", np.inf)      # all is asked of derivatives
     monkeypatch.setattr(explanation, "ROUNDS", 1)
-    monkeypatch.setattr(moves, "SETS", 10)
+    monkeypatch.setattr(moves, "SETS", 20)
     (only,) = explained(slipped, FitOptions(), ["zero_shift"])
     assert only.answer.ended and only.given_up == (explanation.ENDED, explanation.UNSETTLED)
