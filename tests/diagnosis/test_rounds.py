@@ -128,7 +128,10 @@ def slipped(tmp_path_factory: pytest.TempPathFactory) -> Fit:
 @pytest.mark.long
 def test_what_is_too_large_for_its_derivatives_is_fitted_before_another_cause_is_asked_for(
         slipped: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Once: a round that finds nothing new is the last, the same fit would be asked the same."""
+    """Once each: a round that finds nothing new is the last, the same fit is asked the same.
+
+    What else was found beside it at derivatives that do not hold is gone in the round after.
+    """
     fits = list[str]()
 
     def counted(fit: Fit, machine: Mechanism, options: FitOptions) -> Fit:
@@ -137,9 +140,11 @@ def test_what_is_too_large_for_its_derivatives_is_fitted_before_another_cause_is
 
     monkeypatch.setattr(explanation, "with_mechanism", counted)
     rounds = explained(slipped, FitOptions())
-    assert [r.cut for r in rounds] == [True, False]
-    assert [[p.label for p in r.places] for r in rounds] == [["zero_shift on leg3"]] * 2
-    assert not any(r.given_up for r in rounds) and fits == ["zero_shift"]
+    assert rounds[0].cut and not any(r.cut for r in rounds[1:])
+    assert "zero_shift on leg3" in [p.label for p in rounds[0].places]
+    assert [[p.label for p in r.places] for r in rounds[1:]] == [["zero_shift on leg3"]] * (
+        len(rounds) - 1)
+    assert not any(r.given_up for r in rounds) and len(fits) == len(rounds) - 1
 
 
 @pytest.mark.slow
