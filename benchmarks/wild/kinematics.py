@@ -99,12 +99,7 @@ def forward(
     geo: Geometry, q: np.ndarray, pos: np.ndarray, rot: np.ndarray, motion: str, steps: int = 30
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pose (N, 3) mm and (N, 3, 3) at joints q (N, L), by Newton from the pose given."""
-    u = q + geo.offset
-    for _ in range(steps):
-        pos, rot, gap = _newton(geo, u, pos, rot, motion)
-        if np.max(np.abs(gap)) < CLOSED:
-            return pos, rot
-    raise ArithmeticError(f"forward kinematics left {np.max(np.abs(gap)):.3g} mm open")
+    return forward_of_each([geo], q, pos, rot, motion, steps)[0]
 
 
 def _newton(geo: Geometry, u: np.ndarray, pos: np.ndarray, rot: np.ndarray, motion: str) -> tuple:
@@ -117,7 +112,8 @@ def _newton(geo: Geometry, u: np.ndarray, pos: np.ndarray, rot: np.ndarray, moti
 
 
 def forward_of_each(
-    machines: Sequence[Geometry], q: np.ndarray, pos: np.ndarray, rot: np.ndarray, motion: str
+    machines: Sequence[Geometry], q: np.ndarray, pos: np.ndarray, rot: np.ndarray, motion: str,
+    steps: int = 30
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Poses of several machines at the same joints, each as :func:`forward` has them.
 
@@ -130,11 +126,11 @@ def forward_of_each(
         for name in arrays}
     pos, rot, q = (np.concatenate([x] * count) for x in (pos, rot, q))
     left = np.arange(count)
-    for _ in range(30):
+    for _ in range(steps):
         at = (left[:, None] * rows + np.arange(rows)).ravel()
         geo = replace(first, **{name: values[at] for name, values in stacked.items()})
         pos[at], rot[at], gap = _newton(geo, q[at] + geo.offset, pos[at], rot[at], motion)
-        left = left[np.abs(gap).reshape(len(left), -1).max(axis=1) >= CLOSED]
+        left = left[~(np.abs(gap).reshape(len(left), -1).max(axis=1) < CLOSED)]
         if not len(left):
             return [(pos[n:n + rows], rot[n:n + rows]) for n in range(0, count * rows, rows)]
     raise ArithmeticError(f"forward kinematics left {np.max(np.abs(gap)):.3g} mm open")

@@ -46,6 +46,16 @@ def test_forward_undoes_inverse(name, gap):
         assert np.abs(turned - rot).max() < 1e-12
 
 
+@pytest.mark.parametrize("off", [1e4, np.nan])
+def test_joints_that_no_pose_reaches_are_an_error(off):
+    machine, _, geo = true_machine("3-RPR", 0)
+    pos, rot = pose_of(machine.motion, machine.home[None])
+    q = inverse(geo, pos, rot)
+    q[0, 0] += off
+    with np.errstate(all="ignore"), pytest.raises((ArithmeticError, np.linalg.LinAlgError)):
+        forward(geo, q, pos, rot, machine.motion)
+
+
 @pytest.mark.parametrize("name", MACHINES)
 def test_pose_by_joint_is_the_derivative(name):
     machine, _, geo = true_machine(name, 2)
