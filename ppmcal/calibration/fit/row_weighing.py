@@ -144,11 +144,16 @@ def _explained(fit: Fit, rows: Sequence[Bools], found: Distances, factor: Array,
         reasons.append({**kept, **{
             n: Note(f"{OUTLIER}: {far[n]:.1f} times the {NOISE_OF[n in beside[-1]]}", NOTE,
                     OUTLIER) if solved[n] else NO_POSE for n in gone}})
-    unsure = [r.unsure & k for r, k in zip(again, fit.keep, strict=True)]
     return replace(fit, noise_factor=factor, reasons=tuple(reasons), times=tuple(times),
-                   repeated=tuple(beside), contradicting=tuple(tuple(
-                       np.flatnonzero(own & (r.place == place)) for place in np.unique(
-                           r.place[own])) for own, r in zip(unsure, again, strict=True)))
+                   repeated=tuple(beside), contradicting=tuple(
+                       _contradicting(r, k) for r, k in zip(again, fit.keep, strict=True)))
+
+
+def _contradicting(again: RepeatedRows, keep: Bools) -> tuple[Ints, ...]:
+    """Return the rows ``keep`` (N,) that are unsure, place by place."""
+    unsure = again.unsure & keep
+    return tuple(np.flatnonzero(unsure & (again.place == place))
+                 for place in np.unique(again.place[unsure]))
 
 
 def _found_again(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array]) -> State:

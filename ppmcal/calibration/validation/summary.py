@@ -204,9 +204,9 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     raw, fit = fit, with_noise(fit, inflation, options)
     wrong = (secondary("what left-out rows would change", lambda: find_gross_errors(raw, fit),
                        GrossErrors((), {}, (), ()), notes),
-             secondary("the shape of the flat", lambda: tuple(flats(raw)), (), notes),
-             secondary("readings that contradict each other", lambda: contradictions(raw), [],
-                       notes))
+             secondary("the shape of the flat", lambda: tuple(flats(raw)), (), notes))
+    against = secondary("readings that contradict each other", lambda: contradictions(raw), [],
+                        notes)
     noise = secondary("the errors against the tolerances",
                       partial(against_tolerances, noise, fit), noise, notes)
     sessions, blocks = _differences(fit, noise, notes)
@@ -236,7 +236,7 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
         fit, mechanism, found, total, redundant, noise, index, fit.problem.columns,
         kept.in_frames(wider.covariance if wider and wider.differ else prediction_covariance(fit)),
         inflation,
-        was.residuals, stood, after, held, note, (*wrong[2], *told, *unchecked(fit, total), *notes),
+        was.residuals, stood, after, held, note, (*against, *told, *unchecked(fit, total), *notes),
         open_, wrong[0], sets, wrong[1], _unexplained(after.figures(fit.keep), noise),
         doubtful=doubtful, sessions=sessions, blocks=blocks, considered=kept)
 
