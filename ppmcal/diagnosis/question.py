@@ -15,7 +15,7 @@ from ppmcal.diagnosis.library_columns import Products
 from ppmcal.diagnosis.linear_system import System
 from ppmcal.diagnosis.unknown_causes import (
     ALL_ZEROS,
-    MOST_POSES,
+    MOST_PLACES,
     UNKNOWN_FAMILY,
     UnknownCause,
     UnknownCauses,
@@ -184,7 +184,7 @@ def places(system: System, zeros: Mapping[str, Array], first: int
     found: list[tuple[Block, Source]] = []
     columns = [np.zeros((system.observed.size, 0))]
     group, count = np.unique(system.group[blind], return_counts=True)
-    for place in group[count > 1][:MOST_POSES]:
+    for place in group[count > 1][:MOST_PLACES]:
         mine = np.flatnonzero((system.group == place) & blind)
         own = np.zeros((*system.observed.shape, len(zeros)))
         own[mine] = np.stack([unit[mine] for unit in zeros.values()], axis=-1)
@@ -206,7 +206,7 @@ def files(system: System, first: int) -> Iterator[tuple[Block, WrongRows]]:
     for d, data in enumerate(system.problem.datasets if len(system.problem.datasets) > 1 else ()):
         mine = np.flatnonzero(system.dataset == d)
         own = (mine[:, None] * width + np.arange(width))[system.observed[mine]]
-        if mine.size > 1 and own.size <= MOST_POSES:
+        if mine.size > 1 and own.size <= MOST_PLACES:
             yield (Block(data.name, FILE_FAMILY, tuple((first + own).tolist()),
                          float(np.log(float(MISREAD)))),
                    WrongRows(tuple(mine.tolist()), f"{data.name} is of another machine"))

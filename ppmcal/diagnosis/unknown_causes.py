@@ -21,7 +21,7 @@ from ppmcal.diagnosis.term_candidates import Visible, columns_of, forms
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns
 from ppmcal.inference.priors import FAMILY, GOES_WITH, SHAPES, UNKNOWN
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, Ints
 from ppmcal.model.effects import Setting, Shift, effect_kinds
 from ppmcal.model.effects.learned import JOINT, LearnedCurve
 from ppmcal.model.effects.learned_curve import spline_basis
@@ -36,8 +36,8 @@ SHORT = LENGTHS[:2]
 """Ways within which a reversal is taken up: over longer ones it is a slope and no reversal."""
 WAVES = 24
 """Half waves of a course in time; of a body, in all coordinates at once, half as many."""
-MOST_POSES = 200
-"""Poses that may have a column each: so many take a tenth of the time of all other causes."""
+MOST_PLACES = 400
+"""Poses or rows that may have a column each: so many take less than half of the time of the rest."""
 ROUND_OFF = 1e-11
 
 
@@ -162,30 +162,32 @@ class UnknownCauses:
         return [np.asarray(np.kron(first, second)) for first in rest]
 
     def _of_places(self) -> Iterator[Made]:
-        """Yield what a joint does at each pose by itself, the same at each visit.
+        """Yield what a joint does at each pose by itself, the same at each visit, or in each row.
 
-        That is a function of its travel too fine for its course to be seen, such as a wave of a
-        pitch that nobody listed, or where poses are visited once a scatter of its own. One number
-        that is not taken twice does not tell it from noise. Limbs that pull against each other do
-        so at each pose by as much as friction leaves there.
+        At poses that is a function of its travel too fine for its course to be seen, such as a
+        wave of a pitch that nobody listed; in rows a scatter of its own. One number that is not
+        taken twice does not tell it from noise. Limbs that pull against each other do so at each
+        pose by as much as friction leaves there.
         """
-        group = self.system.group
+        group, rows = self.system.group, self.system.group.size
         poses, place = np.unique(group, return_inverse=True)
-        again = 2 * poses.size <= group.size
-        if not 1 < poses.size <= MOST_POSES or not (
-                again or self.system.count >= 2 * group.size):
-            return
-        there = np.eye(poses.size)[place][:, None, :]
-        each = {way.split()[-1]: (unit[..., None] * there).reshape(-1, poses.size)
+        again = 1 < poses.size <= MOST_PLACES and 2 * poses.size <= rows
+        if again:
+            each = self._at_each(place)
+            for name, own in each.items():
+                yield _by_itself(f"a function of travel too fine to be seen acting on {name}", own)
+            if self.system.problem.mechanism.surplus and ALL_ZEROS in self.zeros:
+                every = np.concatenate(list(each.values()), axis=1)
+                yield PULLS, every, [np.eye(every.shape[1])], True, None, ()
+        if 1 < rows <= MOST_PLACES and self.system.count >= 2 * rows:
+            for name, own in self._at_each(np.arange(rows)).items():
+                yield _by_itself(f"something that differs from row to row acting on {name}", own)
+
+    def _at_each(self, place: Ints) -> dict[str, Array]:
+        """Return what each joint's zero does by itself at each of P places; rows are at (N,)."""
+        there = np.eye(int(place.max()) + 1)[place][:, None, :]
+        return {way.split()[-1]: (unit[..., None] * there).reshape(-1, there.shape[-1])
                 for way, unit in self.zeros.items() if way != ALL_ZEROS}
-        for name, own in each.items():
-            yield (f"a function of travel too fine to be seen acting on {name}" if again else
-                   f"something that differs from row to row acting on {name}", own,
-                   [np.eye(poses.size)], False, None, ())
-        if again and self.system.problem.mechanism.surplus and ALL_ZEROS in self.zeros:
-            every = np.concatenate(list(each.values()), axis=1)
-            yield (PULLS, every,
-                   [np.eye(every.shape[1])], True, None, ())
 
     def _of_ways(self) -> Iterator[Made]:
         """Yield functions of the way from the row before, where no file says how rows were reached.
@@ -315,6 +317,11 @@ class UnknownCauses:
             if own:
                 out[f"the {body}"] = own
         return out
+
+
+def _by_itself(label: str, columns: Array) -> Made:
+    """Return what each column does by itself, all as likely of one size."""
+    return label, columns, [np.eye(columns.shape[1])], False, None, ()
 
 
 def _courses(wave: Array) -> list[Array]:

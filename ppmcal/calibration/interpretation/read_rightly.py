@@ -85,9 +85,9 @@ def _read_otherwise(alone: Problem, held: bool = False) -> Interpretation | None
     if not good:
         return None
     way, best, alternatives = _chosen(good)
-    # something is there beside: is it not that alone, and in some of the rows?
-    if best.total > TELLING and (any(True for _ in right_parts(alone))
-                                 or not _explains(score(alone, np.inf), best)):
+    # what is left may be all that is wrong, in some of the rows; and a fit may explain it as well
+    if (best.total > TELLING and any(True for _ in right_parts(alone))
+            or not _explains(score(alone, np.inf), best)):
         return None
     block, sigma, headers = None, dict[str, float](), dict[str, str]()
     if way.reading is not None:
