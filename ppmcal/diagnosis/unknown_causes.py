@@ -37,7 +37,7 @@ SHORT = LENGTHS[:2]
 WAVES = 24
 """Half waves of a course in time; of a body, in all coordinates at once, half as many."""
 MOST_PLACES = 400
-"""Poses or rows that may have a column each: so many take less than half of the time of the rest."""
+"""Poses or rows that may have a column each: so many take a third of the time of the rest."""
 ROUND_OFF = 1e-11
 
 

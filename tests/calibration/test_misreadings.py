@@ -34,6 +34,7 @@ from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.interpretation import read_rightly
 from ppmcal.calibration.interpretation.data_check import check
 from ppmcal.calibration.interpretation.interpretation_error import InterpretationError
+from ppmcal.calibration.interpretation.limits import LANDS
 from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes, stale
 from ppmcal.calibration.interpretation.read_rightly import (
     misfit,
@@ -43,6 +44,7 @@ from ppmcal.calibration.interpretation.read_rightly import (
     refuse_other_machine,
 )
 from ppmcal.calibration.interpretation.readings import ColumnInterpretation
+from ppmcal.calibration.interpretation.score import score
 from ppmcal.calibration.interpretation.wrong_rows import wrong_parts, wrong_rows
 from ppmcal.calibration.validation.residual_vectors import held_out, residuals
 from ppmcal.commands.inputs import load, prepared, read_data, shipped
@@ -617,6 +619,16 @@ def test_right_files_are_read_as_they_are(tmp_path: Path, case: str, machine: st
     problem = campaign(tmp_path, case, machine, 120, 3.0)
     assert not misfit(problem).misread
     refuse_after_fit(identify(problem))
+
+
+def test_what_a_fit_explains_as_well_is_not_read_otherwise(tmp_path: Path) -> None:
+    """Values typed wrong turn the registration with the nominal machine, as a turned body does."""
+    catalogue.write("gross-10", "3-RPR", 120, 933298, tmp_path, 0.8085)
+    mechanism, datasets = prepared(tmp_path / "mechanism.yaml", [tmp_path / "data.csv"])
+    problem = Problem(mechanism, datasets, mechanism.free)
+    assert score(problem).nominal > LANDS
+    found = misfit(problem)
+    assert not found.readings and not found.misread
 
 
 def test_repeats_are_not_stale_however_they_are_labelled(tmp_path: Path) -> None:
