@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import combinations_with_replacement
+
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.linalg import Array
+from ppmcal.model.effects.learned_curve import LearnedCurve, spline_basis
 
 LENGTHS = (0.06, 0.12, 0.25, 0.5, 1.0)
 """Lengths of a kernel, in parts of the input's range."""
@@ -17,3 +23,56 @@ def matern(nodes: Array, length: float) -> Array:
     far = np.abs(nodes[:, None] - nodes[None, :]) / (nodes[-1] - nodes[0])
     x = np.sqrt(5.0) * far / length
     return np.asarray((1.0 + x + x**2 / 3.0) * np.exp(-x))
+
+
+def whole_kernels(curve: LearnedCurve) -> list[Array]:
+    """Return the kernels (K, K) of a curve's values, by length, with what each input does alone."""
+    second = matern(curve.by_nodes, SECOND) if curve.by else np.ones((1, 1))
+    return [np.asarray(np.kron(matern(curve.nodes, length), second)) for length in LENGTHS]
+
+
+def bends(x: Array) -> Array:
+    """Return second and third powers (N, p) of places (N, c), of one sigma each, that vary.
+
+    >>> bends(np.array([[0.0, 1.0], [1.0, 1.0], [2.0, 1.0]])).shape
+    (3, 2)
+    """
+    spread = np.std(x, axis=0)
+    x = (x - np.mean(x, axis=0))[:, spread > 1e-9 * np.abs(x).max(initial=1e-9)]
+    x = x / np.std(x, axis=0)
+    out = [np.prod(x[:, some], axis=1) for degree in (2, 3)
+           for some in map(list, combinations_with_replacement(range(x.shape[1]), degree))]
+    return np.stack(out, axis=1) if out else np.zeros((len(x), 0))
+
+
+def courses(wave: Array) -> list[Array]:
+    """Return kernels (k, k) of half waves: smooth, by length, and a Wiener walk."""
+    smooth = [np.diag((1.0 + (length * wave) ** 2 / 5.0) ** -3.0) for length in LENGTHS]
+    return [*smooth, np.diag(wave**-2.0)]
+
+
+def roots(kernels: Sequence[Array], gram: Array, count: int) -> tuple[Array, ...]:
+    """Return the roots (K, K) of kernels, each so that it makes one sigma rms.
+
+    ``gram`` (K, K): inner products of the columns; ``count``: of the values that were measured.
+    """
+    return tuple(_root(kernel) / np.sqrt(np.sum(gram * kernel) / count) for kernel in kernels)
+
+
+def _root(kernel: Array) -> Array:
+    """Return the root R (n, n) of a kernel, R R' (n, n); each kernel is taken apart once."""
+    return _roots(kernel.tobytes(), len(kernel))
+
+
+@lru_cache(maxsize=256)
+def _roots(kernel: bytes, size: int) -> Array:
+    w, v = linalg.eigh(np.frombuffer(kernel).reshape(size, size))
+    return np.asarray(v * np.sqrt(np.maximum(w, 0.0)))
+
+
+def beyond_mean(kernels: Sequence[Array], nodes: Array, x: Array) -> list[Array]:
+    """Return kernels of values at nodes (n, n) for functions whose mean over inputs x is 0."""
+    mean = spline_basis(nodes, x[np.isfinite(x)]).mean(axis=0)
+    along = [kernel @ mean for kernel in kernels]
+    return [np.asarray(kernel - np.outer(a, a) / float(mean @ a))
+            for kernel, a in zip(kernels, along, strict=True)]

@@ -16,11 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal import linalg
+from ppmcal.diagnosis.kernels import roots, whole_kernels
 from ppmcal.diagnosis.linearisation import WEAK_VISIBILITY
 from ppmcal.diagnosis.observed_directions import ObservedMotion, observed_motion
 from ppmcal.diagnosis.question import at_nominal, noise_freedom
 from ppmcal.diagnosis.term_candidates import Visible, columns_of
-from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, roots, whole_kernels
+from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY
 from ppmcal.errors import NoResult
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns

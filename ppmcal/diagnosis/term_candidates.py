@@ -104,7 +104,7 @@ def forms(seen: Visible, everywhere: Sequence[Setting]
     for source in INPUTS.values():
         if source.name in PASSING or not _recorded(source, here, mechanism.coordinates):
             continue
-        if source.name in PLACE and _is_residual(seen, source, here):
+        if source.name in PLACE and is_residual(seen, source, here):
             continue
         for on in groups:
             joint = mechanism.actuator_quantity[on.index(True)]
@@ -140,7 +140,7 @@ def _pairs(curve: LearnedCurve, here: Sequence[Setting], everywhere: Sequence[Se
             nodes.size * by.size), covariance=np.zeros((nodes.size * by.size,) * 2))
 
 
-def _is_residual(seen: Visible, source: LearnedInput, here: Sequence[Setting]) -> bool:
+def is_residual(seen: Visible, source: LearnedInput, here: Sequence[Setting]) -> bool:
     """Return whether a coordinate of the predicted pose hardly varies but by the errors.
 
     Where touches are all of one height, the predicted z is that height less the residual: a

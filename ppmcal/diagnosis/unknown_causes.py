@@ -9,21 +9,28 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
-from ppmcal import linalg
 from ppmcal.diagnosis.grids import start_values
-from ppmcal.diagnosis.kernels import LENGTHS, SECOND, matern
+from ppmcal.diagnosis.kernels import (
+    LENGTHS,
+    SECOND,
+    bends,
+    beyond_mean,
+    courses,
+    matern,
+    roots,
+)
 from ppmcal.diagnosis.linear_system import System, Whitening
-from ppmcal.diagnosis.term_candidates import Visible, columns_of, forms
+from ppmcal.diagnosis.term_candidates import Visible, columns_of, forms, is_residual
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns
 from ppmcal.inference.priors import FAMILY, GOES_WITH, SHAPES, UNKNOWN
 from ppmcal.linalg import Array, Ints
 from ppmcal.model.effects import Setting, Shift, effect_kinds
-from ppmcal.model.effects.learned import JOINT, LearnedCurve
+from ppmcal.model.effects.learned import INPUTS, JOINT, LearnedCurve
 from ppmcal.model.effects.learned_curve import spline_basis
 from ppmcal.model.effects.setting import PLACE
 from ppmcal.model.motions import Motion
@@ -32,6 +39,7 @@ UNKNOWN_FAMILY = "unknown"
 """The family of what no kind of the library does."""
 ALL_ZEROS = "all zeros"
 PULLS = "what limbs pull against each other, another at each pose"
+VOLUME = "an error of positions that bends over the volume"
 SHORT = LENGTHS[:2]
 """Ways within which a reversal is taken up: over longer ones it is a slope and no reversal."""
 WAVES = 24
@@ -74,8 +82,8 @@ class UnknownCauses:
         self.system = system
         self._columns: list[Array] = []
         self.causes: list[UnknownCause] = []
-        inputs = [*self._of_inputs(everywhere), *self._of_places(), *self._of_ways(),
-                  *self._of_loads()]
+        inputs = [*self._of_inputs(everywhere), *self._of_the_volume(), *self._of_places(),
+                  *self._of_ways(), *self._of_loads()]
         trends = list(self._of_time())
         groups = [g for g in (inputs, trends) if g]
         for group in groups:
@@ -119,6 +127,11 @@ class UnknownCauses:
             yield cause.block(first), cause
             first += cause.width
 
+    @cached_property
+    def _seen(self) -> Visible:
+        return Visible(self.system, Whitening(), np.zeros((self.system.observed.size, 0)),
+                       self.system.residual.reshape(-1))
+
     def _take(self, label: str, columns: Array, kernels: Sequence[Array], share: float,
               curve: LearnedCurve | None = None, on: tuple[bool, ...] = (),
               remedy: str = "") -> None:
@@ -131,16 +144,14 @@ class UnknownCauses:
 
     def _of_inputs(self, everywhere: Sequence[Setting]) -> Iterator[Made]:
         mechanism = self.system.problem.mechanism
-        seen = Visible(self.system, Whitening(), np.zeros((self.system.observed.size, 0)),
-                       self.system.residual.reshape(-1))
-        for curve, on in forms(seen, everywhere):
+        for curve, on in forms(self._seen, everywhere):
             kernels = self._kernels(curve, on)
             acted = [a for a, there in zip(mechanism.actuators, on, strict=True) if there]
             where = curve.acts if curve.acts != JOINT else " ".join(acted)
             together = curve.acts == JOINT and len(acted) > 1
             label = (f"a function of {' and '.join(curve.inputs)}"
                      f"{' by direction' if curve.signed else ''} acting on {where}")
-            yield label, columns_of(seen, curve, on), kernels, together, curve, on
+            yield label, columns_of(self._seen, curve, on), kernels, together, curve, on
 
     def _kernels(self, curve: LearnedCurve, on: Sequence[bool]) -> list[Array]:
         """Return the kernels of a curve's values, by length.
@@ -155,11 +166,30 @@ class UnknownCauses:
         inputs = [[x if x.ndim == 1 else x[:, acted].ravel() for x in curve.seen(p.setting)]
                   for p in self.system.firsts]
         own = [np.concatenate(x) for x in zip(*inputs, strict=True)]
-        rest = _beyond_mean(whole, curve.nodes, own[0])
+        rest = beyond_mean(whole, curve.nodes, own[0])
         if not curve.by:
             return rest
-        second, = _beyond_mean([matern(curve.by_nodes, SECOND)], curve.by_nodes, own[1])
+        second, = beyond_mean([matern(curve.by_nodes, SECOND)], curve.by_nodes, own[1])
         return [np.asarray(np.kron(first, second)) for first in rest]
+
+    def _of_the_volume(self) -> Iterator[Made]:
+        """Yield an error of positions that bends smoothly over the volume, as a lens' does.
+
+        Second and third powers of the coordinates; what is linear in them is scale, turn and skew.
+        """
+        here = [p.setting for p in self.system.parts]
+        own = [c for c in self.system.problem.mechanism.coordinates if PLACE[c] < 3]
+        over = [INPUTS[c] for c in own if not is_residual(self._seen, INPUTS[c], here)]
+        each = [np.stack([x.value(s) for x in over], axis=1) for s in here] if over else []
+        powers = bends(np.concatenate(each)) if over else np.zeros((0, 0))
+        if not powers.size:
+            return
+        by_part = np.split(powers, np.cumsum([len(x) for x in each])[:-1])
+        columns = [self.system.column([Shift(pose=bend[:, [k]] * np.eye(6)[PLACE[c]])
+                                       for bend in by_part]) * self.system.observed
+                   for c in own for k in range(powers.shape[1])]
+        yield (VOLUME, np.stack([c.reshape(-1) for c in columns], axis=1),
+               [np.eye(len(columns))], True, None, ())
 
     def _of_places(self) -> Iterator[Made]:
         """Yield what a joint does at each pose by itself, the same at each visit, or in each row.
@@ -220,7 +250,7 @@ class UnknownCauses:
                 kernels = [matern(nodes, length) for length in LENGTHS]
                 if signed:  # beyond a reversal, or a reversal that short ways take up in part
                     known = along[:, list(on)]
-                    kernels = [*_beyond_mean(kernels, nodes, known[np.isfinite(known)]),
+                    kernels = [*beyond_mean(kernels, nodes, known[np.isfinite(known)]),
                                *(1.0 + matern(nodes, length) for length in SHORT)]
                 columns = np.zeros((system.observed.size, WAVES))
                 for a in on:
@@ -281,7 +311,7 @@ class UnknownCauses:
                 waves = np.cos(place[:, None] * wave)
                 columns = np.concatenate([(u[..., None] * waves[:, None, :]).reshape(-1, wave.size)
                                           for u in units], axis=1)
-                each = [np.asarray(np.kron(np.eye(len(units)), k)) for k in _courses(wave)]
+                each = [np.asarray(np.kron(np.eye(len(units)), k)) for k in courses(wave)]
                 together = way == ALL_ZEROS or len(units) > 1
                 yield f"a slow course{when} of {way}", columns, each, together, None, ()
 
@@ -324,37 +354,6 @@ def _by_itself(label: str, columns: Array) -> Made:
     return label, columns, [np.eye(columns.shape[1])], False, None, ()
 
 
-def _courses(wave: Array) -> list[Array]:
-    """Return kernels (k, k) of half waves: smooth, by length, and a Wiener walk."""
-    smooth = [np.diag((1.0 + (length * wave) ** 2 / 5.0) ** -3.0) for length in LENGTHS]
-    return [*smooth, np.diag(wave**-2.0)]
-
-
-def whole_kernels(curve: LearnedCurve) -> list[Array]:
-    """Return the kernels (K, K) of a curve's values, by length, with what each input does alone."""
-    second = matern(curve.by_nodes, SECOND) if curve.by else np.ones((1, 1))
-    return [np.asarray(np.kron(matern(curve.nodes, length), second)) for length in LENGTHS]
-
-
-def roots(kernels: Sequence[Array], gram: Array, count: int) -> tuple[Array, ...]:
-    """Return the roots (K, K) of kernels, each so that it makes one sigma rms.
-
-    ``gram`` (K, K): inner products of the columns; ``count``: of the values that were measured.
-    """
-    return tuple(_root(kernel) / np.sqrt(np.sum(gram * kernel) / count) for kernel in kernels)
-
-
-def _root(kernel: Array) -> Array:
-    """Return the root R (n, n) of a kernel, R R' (n, n); each kernel is taken apart once."""
-    return _roots(kernel.tobytes(), len(kernel))
-
-
-@lru_cache(maxsize=256)
-def _roots(kernel: bytes, size: int) -> Array:
-    w, v = linalg.eigh(np.frombuffer(kernel).reshape(size, size))
-    return np.asarray(v * np.sqrt(np.maximum(w, 0.0)))
-
-
 def _simple(made: Made) -> float:
     """Return how usual a cause is beside one that goes with no direction and no second input."""
     curve = made[4]
@@ -375,11 +374,3 @@ def _way(q: Array) -> Array:
 def _free(motion: Motion) -> tuple[str, ...]:
     """Return the coordinates in which base and target can move, whatever the machine does."""
     return motion.frame_coordinates
-
-
-def _beyond_mean(kernels: Sequence[Array], nodes: Array, x: Array) -> list[Array]:
-    """Return kernels of values at nodes (n, n) for functions whose mean over inputs x is 0."""
-    mean = spline_basis(nodes, x[np.isfinite(x)]).mean(axis=0)
-    along = [kernel @ mean for kernel in kernels]
-    return [np.asarray(kernel - np.outer(a, a) / float(mean @ a))
-            for kernel, a in zip(kernels, along, strict=True)]
