@@ -33,12 +33,15 @@ class Campaign:
     """What a machine did, mm and rad.
 
     ``place`` (N, 3), ``turn`` (N): where the platform was; ``seen`` (N, 3): where it is measured to
-    be; ``joints`` (N, k): what the drives say; ``rng``: chance.
+    be; ``joints`` (N, k): what the drives say; ``warmth`` (N,), K, and ``payload`` (N,), kg: what
+    else is recorded; ``rng``: chance.
     """
 
     place: Array
     turn: Rotation
     joints: Array
+    warmth: Array
+    payload: Array
     rng: np.random.Generator
     seen: Array = field(init=False)
 
@@ -123,6 +126,103 @@ def some_rows(c: Campaign) -> None:
     c.joints[off, 0] += 0.15 * c.rng.standard_normal(int(off.sum()))
 
 
+def late_heat(c: Campaign) -> None:
+    """Legs grow as it was warm some time ago."""
+    late = np.zeros(len(c.joints))
+    for row in range(1, late.size):
+        late[row] = late[row - 1] + 0.06 * (c.warmth[row] - 20.0 - late[row - 1])
+    c.joints -= 0.05 * late[:, None]
+
+
+def square_heat(c: Campaign) -> None:
+    """Heights go with the square of how warm it is."""
+    c.seen[:, 1] += 0.02 * (c.warmth - 20.0) ** 2
+
+
+def square_load(c: Campaign) -> None:
+    """A leg gives way with the square of the payload."""
+    c.joints[:, 1] += 0.002 * c.payload**2
+
+
+def creep(c: Campaign) -> None:
+    """A leg creeps by the logarithm of time."""
+    c.joints[:, 2] += 0.08 * np.log1p(np.arange(len(c.joints)) / 5.0)
+
+
+def cross_talk(c: Campaign) -> None:
+    """A leg's drive is moved by its neighbour's, more at one end than at the other."""
+    c.joints[:, 0] += 0.08 * np.exp(0.5 * c.along(1))
+
+
+def swelling_wave(c: Campaign) -> None:
+    """A wave of a pitch that nobody listed, that grows along the stroke."""
+    c.joints[:, 1] += 0.06 * (1.0 + 0.5 * c.along(1)) * np.sin(2.0 * np.pi * c.joints[:, 1] / 3.7)
+
+
+def chirp(c: Campaign) -> None:
+    """A wave that turns faster along the stroke."""
+    c.joints[:, 0] += 0.08 * np.sin(3.0 * (c.along(0) + 2.0) ** 2)
+
+
+def coarse(c: Campaign) -> None:
+    """A scale is read to 0.2 mm."""
+    c.joints[:, 2] = np.round(c.joints[:, 2] / 0.2) * 0.2
+
+
+def loaded_reversal(c: Campaign) -> None:
+    """A leg turns back the later, the more it carries."""
+    way = np.sign(np.diff(c.joints[:, 1], prepend=c.joints[0, 1]))
+    c.joints[:, 1] += 0.01 * c.payload * way
+
+
+def by_way(c: Campaign) -> None:
+    """A leg is off by the root of the way that it came."""
+    way = np.diff(c.joints[:, 0], prepend=c.joints[0, 0])
+    c.joints[:, 0] += 0.015 * np.sqrt(np.abs(way)) * np.sign(way)
+
+
+def saddle(c: Campaign) -> None:
+    """X reads long in two corners and short in the others."""
+    c.seen[:, 0] += 0.2 * c.away(0) * c.away(1)
+
+
+def swaying(c: Campaign) -> None:
+    """The stand sways twice in the campaign."""
+    c.seen[:, 1] += 0.1 * np.sin(4.0 * np.pi * np.linspace(0.0, 1.0, len(c.seen)))
+
+
+def noise_far(c: Campaign) -> None:
+    """Far away readings scatter up to five times as much."""
+    c.seen += 4.0 * SIGMA * np.abs(c.away(0))[:, None] * c.rng.standard_normal(c.seen.shape)
+
+
+def noise_late(c: Campaign) -> None:
+    """In the second half readings scatter four times as much."""
+    half = len(c.seen) // 2
+    c.seen[half:] += 4.0 * SIGMA * c.rng.standard_normal(c.seen[half:].shape)
+
+
+def noise_of_joints(c: Campaign) -> None:
+    """All joints scatter."""
+    c.joints += 2.0 * SIGMA * c.rng.standard_normal(c.joints.shape)
+
+
+def noise_along(c: Campaign) -> None:
+    """Readings scatter along one slanted direction: the beam of a tracker."""
+    c.seen += 4.0 * SIGMA * c.rng.standard_normal((len(c.seen), 1)) * np.array([0.6, 0.8, 0.0])
+
+
+def few_digits(c: Campaign) -> None:
+    """Places are read to 0.1 mm."""
+    c.seen = np.round(c.seen, 1)
+
+
+def bursts(c: Campaign) -> None:
+    """Now and then some rows in a row are off together, by chance."""
+    for begin in c.rng.integers(0, len(c.seen) - 6, 4):
+        c.seen[begin:begin + 5] += 0.1 * c.rng.standard_normal(3) * np.array([1.0, 1.0, 0.0])
+
+
 def reversal(c: Campaign) -> None:
     """A leg turns back late: in the library."""
     way = np.sign(np.diff(c.joints[:, 1], prepend=c.joints[0, 1]))
@@ -136,9 +236,13 @@ def homed_anew(c: Campaign) -> None:
 
 FAMILIES: dict[str, Callable[[Campaign], None]] = {do.__name__: do for do in (
     nothing, lens, refraction, ball_out_of_round, product, stick_slip, walk, dent, two_steps,
-    crooked_wave, lags_by_speed, some_rows, reversal, homed_anew)}
-RIGHT = {"crooked_wave": {"periodic"}, "reversal": {"backlash", "play", "hysteresis"},
-         "homed_anew": {"zero_shift"}, "lens": {"sensor_scale", "sensor_scale_axis"}}
+    crooked_wave, lags_by_speed, some_rows, late_heat, square_heat, square_load, creep, cross_talk,
+    swelling_wave, chirp, coarse, loaded_reversal, by_way, saddle, swaying, noise_far, noise_late,
+    noise_of_joints, noise_along, few_digits, bursts, reversal, homed_anew)}
+REVERSAL = {"backlash", "play", "hysteresis"}
+RIGHT: dict[str, set[str]] = {"crooked_wave": {"periodic"}, "swelling_wave": {"periodic"},
+         "reversal": REVERSAL, "loaded_reversal": REVERSAL, "homed_anew": {"zero_shift"},
+         "bursts": {"target_shift", "base_shift"}, "lens": {"sensor_scale", "sensor_scale_axis"}}
 """Kinds that are part of what was done."""
 
 
@@ -216,6 +320,7 @@ MACHINES = {
             "motion": "translational", "home": {"pose": {"x": 0, "y": 0, "z": 100}},
             "tolerances": {"point": 0.4, "length": 0.3, "offset": 0.5}}, towers, ("x", "y", "z"),
         250.0)}
+UNITS = {"length": "mm", "angle": "deg"}
 SIGMA, ANGLE = 0.015, 0.004
 """Of the instrument, mm and degrees."""
 
@@ -233,18 +338,22 @@ def simulated(machine: Machine, family: str, seed: int, rows: int, visits: int
     if machine.rod:
         platform = machine.platform
     zeros = rng.normal(0.0, 0.4, len(base))
-    c = Campaign(place, turn, machine.joints(base, platform, place, turn, machine.rod) + zeros, rng)
+    warmth = 20.0 + 4.0 * np.sin(np.linspace(0.0, 5.0, len(place))) + rng.normal(
+        0.0, 0.1, len(place))
+    c = Campaign(place, turn, machine.joints(base, platform, place, turn, machine.rod) + zeros,
+                 warmth, rng.choice([0.0, 5.0, 10.0], len(place)), rng)
     FAMILIES[family](c)
     seen = np.column_stack([c.seen + rng.normal(0.0, SIGMA, c.seen.shape), np.rad2deg(
         (Rotation.from_rotvec(np.deg2rad(rng.normal(0.0, ANGLE, c.seen.shape)))
          * c.turn).as_rotvec())])
     file = {"format": "ppmcal/mechanism/1", "name": family,
-            "units": {"length": "mm", "angle": "deg"}, **machine.head,
+            "units": UNITS, **machine.head,
             "limbs": [{"name": f"leg{n + 1}", **machine.limb(b, p)} for n, (b, p) in enumerate(zip(
                 machine.base.round(3), machine.platform.round(3), strict=True))]}
     table = {f"q_leg{n + 1}": q for n, q in enumerate(c.joints.T)}
     table |= dict(zip(("x", "y", "z", "rx", "ry", "rz"), seen.T, strict=True))
-    return file, {"time": 20.0 * np.arange(len(place)), **{
+    return file, {"time": 20.0 * np.arange(len(place)), "temperature": c.warmth,
+                  "payload": c.payload, **{
         name: own for name, own in table.items() if name[:2] == "q_" or name in machine.columns}}
 
 
@@ -263,7 +372,7 @@ def ask(machine: Machine, file: dict[str, object], table: dict[str, Array], fold
     """Return what a diagnosis says."""
     turns = any(name.startswith("r") for name in machine.columns)
     sigma = {"position": SIGMA, "rotation": ANGLE} if turns else {"position": SIGMA}
-    side = {"units": {"length": "mm", "angle": "deg"}, "frame": "unknown", "target": "unknown",
+    side = {"units": UNITS, "frame": "unknown", "target": "unknown",
             "instrument": {"kind": "pose" if turns else "position", "sigma": sigma}}
     if len(machine.columns) == 6:
         side["target_rotation"] = "unknown"

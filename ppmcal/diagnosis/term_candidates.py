@@ -184,22 +184,23 @@ def _curve(source: LearnedInput, here: Sequence[Setting], everywhere: Sequence[S
 
 def columns_of(seen: Visible, curve: LearnedCurve, on: Sequence[bool]) -> Array:
     """Return the whitened columns of a curve's values at its nodes (n, K)."""
-    return columns_from(seen, curve, on, curve.weights)
+    return columns_from(seen, curve.acts, on, curve.weights)
 
 
-def columns_from(seen: Visible, curve: LearnedCurve, on: Sequence[bool],
+def columns_from(seen: Visible, acts: str, on: Sequence[bool],
                  weights: Callable[[Setting], Array]) -> Array:
-    """Return the whitened columns (n, K) of functions that act where a curve does.
+    """Return the whitened columns (n, K) of functions that act as a curve does.
 
-    ``weights``: rows -> the functions of the machine (N, K), or by joint (N, k, K).
+    ``acts``: on a coordinate of the pose, or on the joints ``on``. ``weights``: rows -> the
+    functions of the machine (N, K), or by joint (N, k, K).
     """
     system, columns = seen.system, []
     for i, part in enumerate(system.parts):
         weight = weights(part.setting)
         out = np.zeros((*system.residual.shape, weight.shape[-1]))
         columns.append(out)
-        if curve.acts != JOINT:
-            unit = seen.by_place[i][..., PLACE[curve.acts]]
+        if acts != JOINT:
+            unit = seen.by_place[i][..., PLACE[acts]]
             out[part.at, :unit.shape[1]] += unit[..., None] * weight[:, None, :]
             continue
         for a in np.flatnonzero(on):

@@ -17,20 +17,24 @@ from ppmcal.diagnosis.grids import start_values
 from ppmcal.diagnosis.kernels import (
     LENGTHS,
     SECOND,
-    bends,
     beyond_mean,
     courses,
     matern,
     roots,
 )
 from ppmcal.diagnosis.linear_system import System, Whitening
-from ppmcal.diagnosis.term_candidates import Visible, columns_of, forms, is_residual
+from ppmcal.diagnosis.term_candidates import (
+    Visible,
+    columns_of,
+    forms,
+)
+from ppmcal.diagnosis.unknown_functions import Made, of_others, over_volume
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns
 from ppmcal.inference.priors import FAMILY, GOES_WITH, SHAPES, UNKNOWN
 from ppmcal.linalg import Array, Ints
 from ppmcal.model.effects import Setting, Shift, effect_kinds
-from ppmcal.model.effects.learned import INPUTS, JOINT, LearnedCurve
+from ppmcal.model.effects.learned import JOINT, LearnedCurve
 from ppmcal.model.effects.learned_curve import spline_basis
 from ppmcal.model.effects.setting import PLACE
 from ppmcal.model.motions import Motion
@@ -39,7 +43,6 @@ UNKNOWN_FAMILY = "unknown"
 """The family of what no kind of the library does."""
 ALL_ZEROS = "all zeros"
 PULLS = "what limbs pull against each other, another at each pose"
-VOLUME = "an error of positions that bends over the volume"
 SHORT = LENGTHS[:2]
 """Ways within which a reversal is taken up: over longer ones it is a slope and no reversal."""
 WAVES = 24
@@ -47,10 +50,6 @@ WAVES = 24
 MOST_PLACES = 400
 """Poses or rows that may have a column each: so many take a third of the time of the rest."""
 ROUND_OFF = 1e-11
-
-
-Made = tuple[str, Array, list[Array], bool, LearnedCurve | None, tuple[bool, ...]]
-"""Label, columns, kernels, whether it acts on several joints at once, and as in a cause."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +81,8 @@ class UnknownCauses:
         self.system = system
         self._columns: list[Array] = []
         self.causes: list[UnknownCause] = []
-        inputs = [*self._of_inputs(everywhere), *self._of_the_volume(), *self._of_places(),
-                  *self._of_ways(), *self._of_loads()]
+        inputs = [*self._of_inputs(everywhere), *over_volume(self._seen), *of_others(self._seen),
+                  *self._of_places(), *self._of_ways(), *self._of_loads()]
         trends = list(self._of_time())
         groups = [g for g in (inputs, trends) if g]
         for group in groups:
@@ -171,25 +170,6 @@ class UnknownCauses:
             return rest
         second, = beyond_mean([matern(curve.by_nodes, SECOND)], curve.by_nodes, own[1])
         return [np.asarray(np.kron(first, second)) for first in rest]
-
-    def _of_the_volume(self) -> Iterator[Made]:
-        """Yield an error of positions that bends smoothly over the volume, as a lens' does.
-
-        Second and third powers of the coordinates; what is linear in them is scale, turn and skew.
-        """
-        here = [p.setting for p in self.system.parts]
-        own = [c for c in self.system.problem.mechanism.coordinates if PLACE[c] < 3]
-        over = [INPUTS[c] for c in own if not is_residual(self._seen, INPUTS[c], here)]
-        each = [np.stack([x.value(s) for x in over], axis=1) for s in here] if over else []
-        powers = bends(np.concatenate(each)) if over else np.zeros((0, 0))
-        if not powers.size:
-            return
-        by_part = np.split(powers, np.cumsum([len(x) for x in each])[:-1])
-        columns = [self.system.column([Shift(pose=bend[:, [k]] * np.eye(6)[PLACE[c]])
-                                       for bend in by_part]) * self.system.observed
-                   for c in own for k in range(powers.shape[1])]
-        yield (VOLUME, np.stack([c.reshape(-1) for c in columns], axis=1),
-               [np.eye(len(columns))], True, None, ())
 
     def _of_places(self) -> Iterator[Made]:
         """Yield what a joint does at each pose by itself, the same at each visit, or in each row.

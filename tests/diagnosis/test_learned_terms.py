@@ -133,7 +133,7 @@ def shape_of(own: Term) -> Shape:
 
 def hidden_in(seen: Visible, own: Term, true: Callable[..., Array]) -> Array:
     """Return what rows (n,) have of any function of a term's inputs, white."""
-    return columns_from(seen, own.curve, own.on, lambda s: true(
+    return columns_from(seen, own.curve.acts, own.on, lambda s: true(
         *own.curve.seen(s))[..., None])[:, 0]
 
 
