@@ -58,6 +58,8 @@ STUDIES = (
           but=AFTERWARDS),
     Study("next", DIAGNOSIS, {"docs/diagnosis.md": ("next",)},
           ("next_study.py", "--count", "20", "--minutes", "6"), but=AFTERWARDS),
+    Study("odd", DIAGNOSIS, {"docs/diagnosis.md": ("odd",)}, ("odd_physics.py",), "--seeds",
+          AFTERWARDS),
     Study("weak", DIAGNOSIS, {"docs/campaigns.md": ("weak",)},
           ("weak_campaigns.py", "--seeds", "2"), "--first", AFTERWARDS),
     Study("ropes", DIAGNOSIS, {"docs/without-instrument.md": ("ropes",)},

@@ -1,0 +1,238 @@
+"""What may be wrong with a machine or its measurement: most of it is in no library.
+
+Each changes the joints' values or what is seen of the platform, by tenths of a millimetre.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+SIGMA, ANGLE = 0.015, 0.004
+"""Of the instrument, mm and degrees."""
+
+
+@dataclass
+class Campaign:
+    """What a machine did, mm and rad.
+
+    ``place`` (N, 3), ``turn`` (N): where the platform was; ``seen`` (N, 3): where it is measured to
+    be; ``joints`` (N, k): what the drives say; ``warmth`` (N,), K, and ``payload`` (N,), kg: what
+    else is recorded; ``rng``: chance.
+    """
+
+    place: Array
+    turn: Rotation
+    joints: Array
+    warmth: Array
+    payload: Array
+    rng: np.random.Generator
+    seen: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.seen = self.place.copy()
+
+    def along(self, joint: int) -> Array:
+        """Return a joint's travel in standard deviations (N,)."""
+        own = self.joints[:, joint]
+        return np.asarray((own - own.mean()) / own.std())
+
+    def away(self, axis: int) -> Array:
+        """Return how far the platform was along an axis, from -1 to 1 (N,)."""
+        own = self.place[:, axis] - self.place[:, axis].mean()
+        return np.asarray(own / np.abs(own).max())
+
+
+def nothing(_: Campaign) -> None:
+    """Do nothing."""
+
+
+def lens(c: Campaign) -> None:
+    """A camera's picture is bent outwards, by the cube of the distance from its middle."""
+    flat = c.place[:, :2] - c.place[:, :2].mean(axis=0)
+    reach = np.abs(flat).max()
+    c.seen[:, :2] += 0.3 * flat / reach * np.sum((flat / reach) ** 2, axis=1, keepdims=True)
+
+
+def refraction(c: Campaign) -> None:
+    """Y reads long by the square of the distance."""
+    c.seen[:, 1] += 0.3 * c.away(1) ** 2
+
+
+def ball_out_of_round(c: Campaign) -> None:
+    """A ball is longer in two directions of the platform's way."""
+    c.joints[:, 2] += 0.12 * np.cos(2.0 * np.arctan2(c.away(1), c.away(0)))
+
+
+def product(c: Campaign) -> None:
+    """A leg gives way by the lengths of two others at once."""
+    c.joints[:, 0] += 0.15 * c.along(1) * c.along(2)
+
+
+def stick_slip(c: Campaign) -> None:
+    """A leg stays behind by chance, always to one side."""
+    c.joints[:, 1] += 0.12 * np.abs(c.rng.standard_normal(len(c.joints)))
+
+
+def walk(c: Campaign) -> None:
+    """The stand wanders."""
+    c.seen[:, 0] += 0.04 * np.cumsum(c.rng.standard_normal(len(c.seen)))
+
+
+def dent(c: Campaign) -> None:
+    """A screw has a dent."""
+    c.joints[:, 1] += 0.3 * np.exp(-0.5 * ((c.along(1) - 0.5) / 0.25) ** 2)
+
+
+def two_steps(c: Campaign) -> None:
+    """Two legs have a step in their screws."""
+    for joint in (0, 2):
+        c.joints[:, joint] += 0.2 * np.tanh(4.0 * (c.along(joint) - 0.3))
+
+
+def crooked_wave(c: Campaign) -> None:
+    """A wave of a screw with its third harmonic: the first is in the library."""
+    angle = 2.0 * np.pi * c.joints[:, 2] / 5.0
+    c.joints[:, 2] += 0.08 * np.sin(angle) + 0.05 * np.sin(3.0 * angle + 1.0)
+
+
+def lags_by_speed(c: Campaign) -> None:
+    """The measurement lags behind by the way from the row before."""
+    way = np.linalg.norm(np.diff(c.place, axis=0, prepend=c.place[:1]), axis=1)
+    c.seen[:, 0] += 0.2 * way / way.max()
+
+
+def some_rows(c: Campaign) -> None:
+    """A leg is off in every seventh row, by chance."""
+    off = np.arange(len(c.joints)) % 7 == 3
+    c.joints[off, 0] += 0.15 * c.rng.standard_normal(int(off.sum()))
+
+
+def late_heat(c: Campaign) -> None:
+    """Legs grow as it was warm some time ago."""
+    late = np.zeros(len(c.joints))
+    for row in range(1, late.size):
+        late[row] = late[row - 1] + 0.06 * (c.warmth[row] - 20.0 - late[row - 1])
+    c.joints -= 0.05 * late[:, None]
+
+
+def square_heat(c: Campaign) -> None:
+    """Heights go with the square of how warm it is."""
+    c.seen[:, 1] += 0.02 * (c.warmth - 20.0) ** 2
+
+
+def square_load(c: Campaign) -> None:
+    """A leg gives way with the square of the payload."""
+    c.joints[:, 1] += 0.002 * c.payload**2
+
+
+def creep(c: Campaign) -> None:
+    """A leg creeps by the logarithm of time."""
+    c.joints[:, 2] += 0.08 * np.log1p(np.arange(len(c.joints)) / 5.0)
+
+
+def cross_talk(c: Campaign) -> None:
+    """A leg's drive is moved by its neighbour's, more at one end than at the other."""
+    c.joints[:, 0] += 0.08 * np.exp(0.5 * c.along(1))
+
+
+def swelling_wave(c: Campaign) -> None:
+    """A wave of a pitch that nobody listed, that grows along the stroke."""
+    c.joints[:, 1] += 0.06 * (1.0 + 0.5 * c.along(1)) * np.sin(2.0 * np.pi * c.joints[:, 1] / 3.7)
+
+
+def chirp(c: Campaign) -> None:
+    """A wave that turns faster along the stroke."""
+    c.joints[:, 0] += 0.08 * np.sin(3.0 * (c.along(0) + 2.0) ** 2)
+
+
+def coarse(c: Campaign) -> None:
+    """A scale is read to 0.2 mm."""
+    c.joints[:, 2] = np.round(c.joints[:, 2] / 0.2) * 0.2
+
+
+def loaded_reversal(c: Campaign) -> None:
+    """A leg turns back the later, the more it carries."""
+    way = np.sign(np.diff(c.joints[:, 1], prepend=c.joints[0, 1]))
+    c.joints[:, 1] += 0.01 * c.payload * way
+
+
+def by_way(c: Campaign) -> None:
+    """A leg is off by the root of the way that it came."""
+    way = np.diff(c.joints[:, 0], prepend=c.joints[0, 0])
+    c.joints[:, 0] += 0.015 * np.sqrt(np.abs(way)) * np.sign(way)
+
+
+def saddle(c: Campaign) -> None:
+    """X reads long in two corners and short in the others."""
+    c.seen[:, 0] += 0.2 * c.away(0) * c.away(1)
+
+
+def swaying(c: Campaign) -> None:
+    """The stand sways twice in the campaign."""
+    c.seen[:, 1] += 0.1 * np.sin(4.0 * np.pi * np.linspace(0.0, 1.0, len(c.seen)))
+
+
+def noise_far(c: Campaign) -> None:
+    """Far away readings scatter up to five times as much."""
+    c.seen += 4.0 * SIGMA * np.abs(c.away(0))[:, None] * c.rng.standard_normal(c.seen.shape)
+
+
+def noise_late(c: Campaign) -> None:
+    """In the second half readings scatter four times as much."""
+    half = len(c.seen) // 2
+    c.seen[half:] += 4.0 * SIGMA * c.rng.standard_normal(c.seen[half:].shape)
+
+
+def noise_of_joints(c: Campaign) -> None:
+    """All joints scatter."""
+    c.joints += 2.0 * SIGMA * c.rng.standard_normal(c.joints.shape)
+
+
+def noise_along(c: Campaign) -> None:
+    """Readings scatter along one slanted direction: the beam of a tracker."""
+    c.seen += 4.0 * SIGMA * c.rng.standard_normal((len(c.seen), 1)) * np.array([0.6, 0.8, 0.0])
+
+
+def few_digits(c: Campaign) -> None:
+    """Places are read to 0.1 mm."""
+    c.seen = np.round(c.seen, 1)
+
+
+def bursts(c: Campaign) -> None:
+    """Now and then some rows in a row are off together, by chance."""
+    for begin in c.rng.integers(0, len(c.seen) - 6, 4):
+        c.seen[begin:begin + 5] += 0.1 * c.rng.standard_normal(3) * np.array([1.0, 1.0, 0.0])
+
+
+def reversal(c: Campaign) -> None:
+    """A leg turns back late: in the library."""
+    way = np.sign(np.diff(c.joints[:, 1], prepend=c.joints[0, 1]))
+    c.joints[:, 1] += 0.06 * way
+
+
+def homed_anew(c: Campaign) -> None:
+    """A leg is homed anew half way: in the library."""
+    c.joints[len(c.joints) // 2:, 1] += 0.15
+
+
+UNLISTED = (lens, refraction, ball_out_of_round, product, stick_slip, walk, dent, two_steps,
+            crooked_wave, lags_by_speed, some_rows, late_heat, square_heat, square_load, creep,
+            cross_talk, swelling_wave, chirp, coarse, loaded_reversal, by_way, saddle, swaying,
+            bursts)
+NOISE = (noise_far, noise_late, noise_of_joints, noise_along, few_digits)
+LISTED = (reversal, homed_anew)
+FAMILIES: dict[str, Callable[[Campaign], None]] = {
+    do.__name__: do for do in (nothing, *UNLISTED, *NOISE, *LISTED)}
+GROUPS = {"nothing": (nothing,), "what no library has": UNLISTED,
+          "noise that is not as stated": NOISE, "what the library has": LISTED}
+REVERSAL = {"backlash", "play", "hysteresis"}
+RIGHT: dict[str, set[str]] = {"crooked_wave": {"periodic"}, "swelling_wave": {"periodic"},
+         "reversal": REVERSAL, "loaded_reversal": REVERSAL, "homed_anew": {"zero_shift"},
+         "bursts": {"target_shift", "base_shift"}, "lens": {"sensor_scale", "sensor_scale_axis"}}
+"""Kinds that are part of what was done."""
