@@ -178,6 +178,60 @@ def swaying(c: Campaign) -> None:
     c.seen[:, 1] += 0.1 * np.sin(4.0 * np.pi * np.linspace(0.0, 1.0, len(c.seen)))
 
 
+def floor_step(c: Campaign) -> None:
+    """The stand drops on one side, as if it stood on two plates."""
+    c.seen[:, 1] += 0.15 * (c.away(0) > 0.2)
+
+
+def homed_often(c: Campaign) -> None:
+    """A leg is homed every ten rows, each time elsewhere."""
+    zeros = 0.08 * c.rng.standard_normal(len(c.joints) // 10 + 1)
+    c.joints[:, 2] += zeros[np.arange(len(c.joints)) // 10]
+
+
+def hinge(c: Campaign) -> None:
+    """A base joint is out of round: a leg is off by twice the angle at which it leans."""
+    c.joints[:, 1] += 0.15 * np.sin(2.0 * np.arctan2(c.away(1) + 0.3, c.away(0) - 0.4))
+
+
+def interpolation(c: Campaign) -> None:
+    """An encoder interpolates badly within a line of 0.02 mm."""
+    c.joints[:, 0] += 0.05 * np.sin(2.0 * np.pi * c.joints[:, 0] / 0.02)
+
+
+def sharp_bend(c: Campaign) -> None:
+    """A rail has a kink in its middle."""
+    c.joints[:, 1] += 0.15 * np.abs(c.along(1))
+
+
+def next_move(c: Campaign) -> None:
+    """Readings are early: they hold a part of the move to come."""
+    ahead = np.diff(c.place, axis=0, append=c.place[-1:])
+    c.seen += 0.002 * ahead
+
+
+def bowl(c: Campaign) -> None:
+    """Y reads long by the fourth power of the distance from the middle."""
+    c.seen[:, 1] += 0.25 * (c.away(0) ** 2 + c.away(1) ** 2) ** 2
+
+
+def beat(c: Campaign) -> None:
+    """A leg trembles from row to row, nearly in step with the rows."""
+    c.joints[:, 0] += 0.08 * np.sin(2.3 * np.arange(len(c.joints)))
+
+
+def slips(c: Campaign) -> None:
+    """A belt slips a little at eight rows."""
+    steps = np.zeros(len(c.joints))
+    steps[c.rng.choice(np.arange(5, steps.size - 5), 8, replace=False)] = 0.08
+    c.joints[:, 2] += np.cumsum(steps * np.sign(c.rng.standard_normal(steps.size)))
+
+
+def warm_end(c: Campaign) -> None:
+    """Heat bends a leg the more, the farther it is out, by the square of both."""
+    c.joints[:, 0] += 0.01 * (c.along(0) + 2.0) ** 2 * (c.warmth - 20.0) ** 2 / 4.0
+
+
 def noise_far(c: Campaign) -> None:
     """Far away readings scatter up to five times as much."""
     c.seen += 4.0 * SIGMA * np.abs(c.away(0))[:, None] * c.rng.standard_normal(c.seen.shape)
@@ -225,14 +279,20 @@ UNLISTED = (lens, refraction, ball_out_of_round, product, stick_slip, walk, dent
             crooked_wave, lags_by_speed, some_rows, late_heat, square_heat, square_load, creep,
             cross_talk, swelling_wave, chirp, coarse, loaded_reversal, by_way, saddle, swaying,
             bursts)
+AFTERWARDS = (floor_step, homed_often, hinge, interpolation, sharp_bend, next_move, bowl, beat,
+              slips, warm_end)
+"""Made up when the causes of version 0.3.0 stood, and run once."""
 NOISE = (noise_far, noise_late, noise_of_joints, noise_along, few_digits)
 LISTED = (reversal, homed_anew)
 FAMILIES: dict[str, Callable[[Campaign], None]] = {
-    do.__name__: do for do in (nothing, *UNLISTED, *NOISE, *LISTED)}
+    do.__name__: do for do in (nothing, *UNLISTED, *AFTERWARDS, *NOISE, *LISTED)}
 GROUPS = {"nothing": (nothing,), "what no library has": UNLISTED,
+          "the same, made up afterwards": AFTERWARDS,
           "noise that is not as stated": NOISE, "what the library has": LISTED}
 REVERSAL = {"backlash", "play", "hysteresis"}
 RIGHT: dict[str, set[str]] = {"crooked_wave": {"periodic"}, "swelling_wave": {"periodic"},
          "reversal": REVERSAL, "loaded_reversal": REVERSAL, "homed_anew": {"zero_shift"},
-         "bursts": {"target_shift", "base_shift"}, "lens": {"sensor_scale", "sensor_scale_axis"}}
+         "bursts": {"target_shift", "base_shift"},
+         "homed_often": {"zero_shift"}, "slips": {"zero_shift"},
+         "lens": {"sensor_scale", "sensor_scale_axis"}}
 """Kinds that are part of what was done."""
