@@ -14,20 +14,9 @@ from functools import cached_property
 import numpy as np
 
 from ppmcal.diagnosis.grids import start_values
-from ppmcal.diagnosis.kernels import (
-    LENGTHS,
-    SECOND,
-    beyond_mean,
-    courses,
-    matern,
-    roots,
-)
+from ppmcal.diagnosis.kernels import LENGTHS, SECOND, beyond_mean, courses, matern, roots
 from ppmcal.diagnosis.linear_system import System, Whitening
-from ppmcal.diagnosis.term_candidates import (
-    Visible,
-    columns_of,
-    forms,
-)
+from ppmcal.diagnosis.term_candidates import Visible, columns_of, forms
 from ppmcal.diagnosis.unknown_functions import Made, of_others, over_volume
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns
@@ -186,7 +175,8 @@ class UnknownCauses:
             each = self._at_each(place)
             for name, own in each.items():
                 yield _by_itself(f"a function of travel too fine to be seen acting on {name}", own)
-            if self.system.problem.mechanism.surplus and ALL_ZEROS in self.zeros:
+            few = 2 * poses.size <= MOST_PLACES     # of all joints at once half as many
+            if few and self.system.problem.mechanism.surplus and ALL_ZEROS in self.zeros:
                 every = np.concatenate(list(each.values()), axis=1)
                 yield PULLS, every, [np.eye(every.shape[1])], True, None, ()
         if 1 < rows <= MOST_PLACES and self.system.count >= 2 * rows:
