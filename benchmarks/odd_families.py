@@ -47,6 +47,11 @@ class Campaign:
         own = self.place[:, axis] - self.place[:, axis].mean()
         return np.asarray(own / np.abs(own).max())
 
+    def way(self, joint: int) -> Array:
+        """Return how far a joint came from the row before (N,), 0 in the first."""
+        own = self.joints[:, joint]
+        return np.asarray(np.diff(own, prepend=own[0]))
+
 
 def nothing(_: Campaign) -> None:
     """Do nothing."""
@@ -122,7 +127,7 @@ def late_heat(c: Campaign) -> None:
 
 
 def square_heat(c: Campaign) -> None:
-    """Heights go with the square of how warm it is."""
+    """Y reads long by the square of how warm it is."""
     c.seen[:, 1] += 0.02 * (c.warmth - 20.0) ** 2
 
 
@@ -158,14 +163,12 @@ def coarse(c: Campaign) -> None:
 
 def loaded_reversal(c: Campaign) -> None:
     """A leg turns back the later, the more it carries."""
-    way = np.sign(np.diff(c.joints[:, 1], prepend=c.joints[0, 1]))
-    c.joints[:, 1] += 0.01 * c.payload * way
+    c.joints[:, 1] += 0.01 * c.payload * np.sign(c.way(1))
 
 
 def by_way(c: Campaign) -> None:
     """A leg is off by the root of the way that it came."""
-    way = np.diff(c.joints[:, 0], prepend=c.joints[0, 0])
-    c.joints[:, 0] += 0.015 * np.sqrt(np.abs(way)) * np.sign(way)
+    c.joints[:, 0] += 0.015 * np.sqrt(np.abs(c.way(0))) * np.sign(c.way(0))
 
 
 def saddle(c: Campaign) -> None:
@@ -266,8 +269,7 @@ def bursts(c: Campaign) -> None:
 
 def reversal(c: Campaign) -> None:
     """A leg turns back late: in the library."""
-    way = np.sign(np.diff(c.joints[:, 1], prepend=c.joints[0, 1]))
-    c.joints[:, 1] += 0.06 * way
+    c.joints[:, 1] += 0.06 * np.sign(c.way(1))
 
 
 def homed_anew(c: Campaign) -> None:

@@ -30,7 +30,7 @@ import ppmcal
 
 @dataclass(frozen=True)
 class Machine:
-    """A machine of ``legs`` between ``base`` and ``platform`` (k, 3), mm.
+    """A machine whose legs are between ``base`` and ``platform`` (k, 3), mm.
 
     ``reach``: half ranges of the place (3,) and the turn (3,), mm and degrees, about ``home``;
     ``head``: the mechanism file but for its limbs; ``columns``: of what is measured.
@@ -45,13 +45,12 @@ class Machine:
     columns: tuple[str, ...]
     rod: float = 0.0
 
-    def joints(self, base: Array, platform: Array, place: Array, turn: Rotation, rod: float
-               ) -> Array:
+    def joints(self, base: Array, platform: Array, place: Array, turn: Rotation) -> Array:
         """Return joint values (N, k): lengths, or heights of carriages that rods hang from."""
         ends = np.einsum("nij,kj->nki", turn.as_matrix(), platform) + place[:, None] - base
-        if not rod:
+        if not self.rod:
             return np.asarray(np.linalg.norm(ends, axis=2))
-        return np.asarray(ends[..., 2] + np.sqrt(rod**2 - np.sum(ends[..., :2] ** 2, axis=2)))
+        return np.asarray(ends[..., 2] + np.sqrt(self.rod**2 - np.sum(ends[..., :2] ** 2, axis=2)))
 
 
 def ring(radius: float, degrees: list[float], height: float = 0.0) -> Array:
@@ -118,7 +117,7 @@ def simulated(machine: Machine, family: str, seed: int, rows: int, visits: int
     zeros = rng.normal(0.0, 0.4, len(base))
     warmth = 20.0 + 4.0 * np.sin(np.linspace(0.0, 5.0, len(place))) + rng.normal(
         0.0, 0.1, len(place))
-    c = Campaign(place, turn, machine.joints(base, platform, place, turn, machine.rod) + zeros,
+    c = Campaign(place, turn, machine.joints(base, platform, place, turn) + zeros,
                  warmth, rng.choice([0.0, 5.0, 10.0], len(place)), rng)
     FAMILIES[family](c)
     seen = np.column_stack([c.seen + rng.normal(0.0, SIGMA, c.seen.shape), np.rad2deg(
