@@ -21,6 +21,7 @@ from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.effects import Setting, Shift
 from ppmcal.model.effects.learned import INPUTS, JOINT, LearnedCurve, LearnedInput
 from ppmcal.model.effects.setting import PLACE
+from ppmcal.model.mechanism import Mechanism
 
 FINE, COARSE, FEWEST = 24, 12, 3
 """Nodes over the travel of a joint, where wear is local, and over other inputs; and the fewest."""
@@ -94,10 +95,7 @@ def forms(seen: Visible, everywhere: Sequence[Setting]
     ``everywhere``: all rows that the model has to hold in, for the nodes.
     """
     mechanism = seen.system.problem.mechanism
-    k = len(mechanism.actuators)
-    each = [tuple(a == b for b in range(k)) for a in range(k)]
-    alike = len(set(mechanism.actuator_quantity)) == 1
-    groups = each + ([(True,) * k] if alike and k > 1 else [])
+    k, groups = len(mechanism.actuators), joint_groups(mechanism)
     here = [p.setting for p in seen.system.parts]
     sided = all(np.isfinite(s.approach).all() for s in here) and any(
         _varies(s.approach).any() for s in here)
@@ -168,18 +166,35 @@ def _curve(source: LearnedInput, here: Sequence[Setting], everywhere: Sequence[S
         x = x if x.ndim == 1 else x[:, np.array(on)].ravel()
         return np.asarray(x[np.isfinite(x)])
 
-    used, whole = values(here), values(everywhere)
+    most = FINE if source.name in ("travel", "last move") else COARSE
+    nodes = nodes_over(values(here), values(everywhere), most)
+    return None if nodes is None else LearnedCurve(
+        source.name, nodes, np.zeros(nodes.size), np.zeros((nodes.size,) * 2), joint=joint)
+
+
+def nodes_over(used: Array, whole: Array, most: int, fewest: int = FEWEST,
+               margin: float = MARGIN) -> Array | None:
+    """Return nodes (K,) over the range of an input, None where it takes too few values.
+
+    ``used``: its values in the rows in use; ``whole``: in all that the nodes are to cover;
+    ``margin``: by which part of the range they go beyond it.
+    """
     width = float(np.ptp(whole))
     if not width > 1e-9 * float(np.abs(whole).max()):
         return None
     different = np.unique(np.round((used - whole.min()) / width, 6)).size
-    most = FINE if source.name in ("travel", "last move") else COARSE
     count = min(most, different, used.size // PER_NODE)
-    if count < FEWEST:
+    if count < fewest:
         return None
-    low, high = float(whole.min()) - MARGIN * width, float(whole.max()) + MARGIN * width
-    nodes = np.linspace(low, high, count)
-    return LearnedCurve(source.name, nodes, np.zeros(count), np.zeros((count, count)), joint=joint)
+    return np.linspace(float(whole.min()) - margin * width, float(whole.max()) + margin * width,
+                       count)
+
+
+def joint_groups(mechanism: Mechanism) -> list[tuple[bool, ...]]:
+    """Return which joints (k,) do alike: each by itself, and all of them if they are alike."""
+    k = len(mechanism.actuators)
+    each = [tuple(a == b for b in range(k)) for a in range(k)]
+    return each + ([(True,) * k] if k > 1 and len(set(mechanism.actuator_quantity)) == 1 else [])
 
 
 def columns_of(seen: Visible, curve: LearnedCurve, on: Sequence[bool]) -> Array:

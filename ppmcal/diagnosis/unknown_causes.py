@@ -14,14 +14,14 @@ from functools import cached_property
 import numpy as np
 
 from ppmcal.diagnosis.grids import start_values
-from ppmcal.diagnosis.kernels import LENGTHS, SECOND, beyond_mean, courses, matern, roots
+from ppmcal.diagnosis.kernels import LENGTHS, SECOND, beyond_mean, courses, matern
 from ppmcal.diagnosis.linear_system import System, Whitening
-from ppmcal.diagnosis.term_candidates import Visible, columns_of, forms
+from ppmcal.diagnosis.term_candidates import Visible, columns_of, forms, joint_groups
 from ppmcal.diagnosis.unknown_functions import Made, of_others, over_volume
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns
-from ppmcal.inference.priors import FAMILY, GOES_WITH, SHAPES, UNKNOWN
-from ppmcal.linalg import Array, Ints
+from ppmcal.inference.priors import FAMILY, SHAPES, UNKNOWN
+from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.effects import Setting, Shift, effect_kinds
 from ppmcal.model.effects.learned import JOINT, LearnedCurve
 from ppmcal.model.effects.learned_curve import spline_basis
@@ -75,28 +75,31 @@ class UnknownCauses:
         trends = list(self._of_time())
         groups = [g for g in (inputs, trends) if g]
         for group in groups:
-            weights = {alike: sum(_simple(m) for m in group if m[3] == alike)
+            weights = {alike: sum(m.usual for m in group if m.together == alike)
                        for alike in (False, True)}
             each = (1.0 - SHAPES.value) / len(groups) / sum(w > 0.0 for w in weights.values())
             for made in group:
-                label, columns, kernels, together, curve, on = made
-                self._take(label, columns, kernels, each * _simple(made) / weights[together],
-                           curve, on)
-        for label, columns, remedy in self._of_references():
-            self._take(label, columns, [np.eye(columns.shape[1])], float(FAMILY) / float(UNKNOWN),
-                       remedy=remedy)
+                self._take(made, each * made.usual / weights[made.together])
+        for made in self._of_references():
+            self._take(made, float(FAMILY) / float(UNKNOWN))
+
+    @cached_property
+    def zeros_of_joints(self) -> dict[str, Array]:
+        """What the zero of each joint does, by a metre or a radian (N, m)."""
+        names = self.system.problem.mechanism.actuators
+        return {name: self._zero(np.arange(len(names)) == a) for a, name in enumerate(names)}
 
     @cached_property
     def zeros(self) -> dict[str, Array]:
-        """What each joint's zero does, by a metre or a radian (N, m), and all of them alike."""
-        system, mechanism = self.system, self.system.problem.mechanism
-        names = mechanism.actuators
-        on = {f"the zero of {name}": np.arange(len(names)) == a for a, name in enumerate(names)}
-        if len(set(mechanism.actuator_quantity)) == 1:
-            on[ALL_ZEROS] = np.ones(len(names), dtype=bool)
-        return {way: system.column([p.setting.at_joints(np.ones_like(p.setting.travel), mine)
-                                    for p in system.parts]) * system.observed
-                for way, mine in on.items()}
+        """The same in words, and what all of them do alike."""
+        out = {f"the zero of {name}": unit for name, unit in self.zeros_of_joints.items()}
+        if len(set(self.system.problem.mechanism.actuator_quantity)) == 1:
+            out[ALL_ZEROS] = self._zero(np.ones(len(out), dtype=bool))
+        return out
+
+    def _zero(self, on: Bools) -> Array:
+        return self.system.column([p.setting.at_joints(np.ones_like(p.setting.travel), on)
+                                   for p in self.system.parts]) * self.system.observed
 
     @cached_property
     def least(self) -> float:
@@ -120,15 +123,14 @@ class UnknownCauses:
         return Visible(self.system, Whitening(), np.zeros((self.system.observed.size, 0)),
                        self.system.residual.reshape(-1))
 
-    def _take(self, label: str, columns: Array, kernels: Sequence[Array], share: float,
-              curve: LearnedCurve | None = None, on: tuple[bool, ...] = (),
-              remedy: str = "") -> None:
-        gram = columns.T @ columns
+    def _take(self, made: Made, share: float) -> None:
+        gram = made.columns.T @ made.columns
         if not np.isfinite(gram).all() or not np.trace(gram) > self.least**2 * self.system.count:
             return
-        self._columns.append(columns)
-        self.causes.append(UnknownCause(label, columns.shape[1], roots(
-            kernels, gram, self.system.count), share, curve, on, remedy))
+        self._columns.append(made.columns)
+        self.causes.append(UnknownCause(
+            made.label, made.columns.shape[1], made.roots(gram, self.system.count), share,
+            made.curve, made.on, made.remedy))
 
     def _of_inputs(self, everywhere: Sequence[Setting]) -> Iterator[Made]:
         mechanism = self.system.problem.mechanism
@@ -139,7 +141,7 @@ class UnknownCauses:
             together = curve.acts == JOINT and len(acted) > 1
             label = (f"a function of {' and '.join(curve.inputs)}"
                      f"{' by direction' if curve.signed else ''} acting on {where}")
-            yield label, columns_of(self._seen, curve, on), kernels, together, curve, on
+            yield Made(label, columns_of(self._seen, curve, on), kernels, together, curve, on)
 
     def _kernels(self, curve: LearnedCurve, on: Sequence[bool]) -> list[Array]:
         """Return the kernels of a curve's values, by length.
@@ -174,20 +176,20 @@ class UnknownCauses:
         if again:
             each = self._at_each(place)
             for name, own in each.items():
-                yield _by_itself(f"a function of travel too fine to be seen acting on {name}", own)
+                yield Made(f"a function of travel too fine to be seen acting on {name}", own)
             few = 2 * poses.size <= MOST_PLACES     # of all joints at once half as many
             if few and self.system.problem.mechanism.surplus and ALL_ZEROS in self.zeros:
                 every = np.concatenate(list(each.values()), axis=1)
-                yield PULLS, every, [np.eye(every.shape[1])], True, None, ()
+                yield Made(PULLS, every, together=True)
         if 1 < rows <= MOST_PLACES and self.system.count >= 2 * rows:
             for name, own in self._at_each(np.arange(rows)).items():
-                yield _by_itself(f"something that differs from row to row acting on {name}", own)
+                yield Made(f"something that differs from row to row acting on {name}", own)
 
     def _at_each(self, place: Ints) -> dict[str, Array]:
         """Return what each joint's zero does by itself at each of P places; rows are at (N,)."""
         there = np.eye(int(place.max()) + 1)[place][:, None, :]
-        return {way.split()[-1]: (unit[..., None] * there).reshape(-1, there.shape[-1])
-                for way, unit in self.zeros.items() if way != ALL_ZEROS}
+        return {name: (unit[..., None] * there).reshape(-1, there.shape[-1])
+                for name, unit in self.zeros_of_joints.items()}
 
     def _of_ways(self) -> Iterator[Made]:
         """Yield functions of the way from the row before, where no file says how rows were reached.
@@ -202,13 +204,8 @@ class UnknownCauses:
                               for p in system.firsts])
         approach = np.concatenate([p.setting.approach for p in system.firsts])
         sided = bool(np.isfinite(approach).all()) and bool(np.ptp(approach) > 0.0)
-        own = [system.column([p.setting.at_joints(np.ones_like(p.setting.travel),
-                                                  np.arange(len(mechanism.actuators)) == a)
-                              for p in system.parts]) * system.observed
-               for a in range(len(mechanism.actuators))]
-        each = [(a,) for a in range(len(own))]
-        alike = len(set(mechanism.actuator_quantity)) == 1 and len(own) > 1
-        for on in [*each, tuple(range(len(own)))] if alike else each:
+        own = list(self.zeros_of_joints.values())
+        for on in (np.flatnonzero(group).tolist() for group in joint_groups(mechanism)):
             known = way[:, list(on)]
             if np.isfinite(known).sum() < 3 * WAVES:
                 continue
@@ -228,9 +225,9 @@ class UnknownCauses:
                         way[:, a])[:, None] * side[:, [a]]
                     columns += (own[a][..., None] * weight[:, None, :]).reshape(-1, WAVES)
                 acted = " ".join(mechanism.actuators[a] for a in on)
-                yield (f"a function of the way from the row before"
-                       f"{' by direction' if signed else ''} acting on {acted}",
-                       columns, kernels, len(on) > 1, None, ())
+                yield Made(f"a function of the way from the row before"
+                           f"{' by direction' if signed else ''} acting on {acted}",
+                           columns, kernels, len(on) > 1)
 
     def _of_loads(self) -> Iterator[Made]:
         """Yield what gives way to the load in no way that the library has.
@@ -251,11 +248,11 @@ class UnknownCauses:
             for j in range(count)] for i in range(count)]
         columns = [answers[i][j] + (answers[j][i] if i != j else 0.0)
                    for i in range(count) for j in range(i, count)]
-        yield ("something that gives way to the load", np.stack(
-            [c.reshape(-1) for c in columns], axis=1), [np.eye(len(columns))], True, None, ())
+        yield Made("something that gives way to the load",
+                   np.stack([c.reshape(-1) for c in columns], axis=1), together=True)
 
-    def _of_references(self) -> Iterator[tuple[str, Array, str]]:
-        """Yield errors of what the machine is measured against: label, columns, and what to do.
+    def _of_references(self) -> Iterator[Made]:
+        """Yield errors of what the machine is measured against.
 
         They are as usual as any kind of effect, and name nothing that the machine has.
         """
@@ -267,8 +264,8 @@ class UnknownCauses:
             terms = [kind.evaluate(p.setting, none, values) for p in self.system.parts]
             columns = [self.system.column([t.by[name] for t in terms]) * self.system.observed
                        for name in terms[0].by]
-            yield (f"an error of what the machine is measured against ({kind.label})",
-                   np.stack([c.reshape(-1) for c in columns], axis=1), kind.remedy)
+            yield Made(f"an error of what the machine is measured against ({kind.label})",
+                       np.stack([c.reshape(-1) for c in columns], axis=1), remedy=kind.remedy)
 
     def _of_time(self) -> Iterator[Made]:
         """Yield slow courses of zeros, base and target, from row to row and in recorded time."""
@@ -283,7 +280,7 @@ class UnknownCauses:
                                           for u in units], axis=1)
                 each = [np.asarray(np.kron(np.eye(len(units)), k)) for k in courses(wave)]
                 together = way == ALL_ZEROS or len(units) > 1
-                yield f"a slow course{when} of {way}", columns, each, together, None, ()
+                yield Made(f"a slow course{when} of {way}", columns, each, together)
 
     @cached_property
     def _rows(self) -> Array:
@@ -317,17 +314,6 @@ class UnknownCauses:
             if own:
                 out[f"the {body}"] = own
         return out
-
-
-def _by_itself(label: str, columns: Array) -> Made:
-    """Return what each column does by itself, all as likely of one size."""
-    return label, columns, [np.eye(columns.shape[1])], False, None, ()
-
-
-def _simple(made: Made) -> float:
-    """Return how usual a cause is beside one that goes with no direction and no second input."""
-    curve = made[4]
-    return float(GOES_WITH) if curve is not None and (curve.by or curve.signed) else 1.0
 
 
 def _moved(body: str, coordinate: str, rows: int) -> Shift:

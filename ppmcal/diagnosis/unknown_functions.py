@@ -5,19 +5,23 @@ As blocks of columns with the covariance of their coefficients, for :mod:`unknow
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
+from itertools import compress
 
 import numpy as np
 
-from ppmcal.diagnosis.kernels import LENGTHS, bends, matern
+from ppmcal.diagnosis.kernels import LENGTHS, bends, matern, roots
 from ppmcal.diagnosis.term_candidates import (
     COARSE,
-    PER_NODE,
     Visible,
     columns_from,
     is_residual,
+    joint_groups,
+    nodes_over,
 )
+from ppmcal.inference.priors import GOES_WITH
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import WRENCH
 from ppmcal.model.effects import Setting, Shift
@@ -25,8 +29,33 @@ from ppmcal.model.effects.learned import INPUTS, JOINT, LearnedCurve
 from ppmcal.model.effects.learned_curve import spline_basis
 from ppmcal.model.effects.setting import PLACE
 
-Made = tuple[str, Array, list[Array], bool, LearnedCurve | None, tuple[bool, ...]]
-"""Label, columns, kernels, whether it acts on several joints at once, and as in a cause."""
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """Columns (n, K) that may be one cause.
+
+    ``kernels`` (K, K): of what its coefficients are, by length; none: each by itself, all of one
+    size. ``together``: whether it acts on several joints at once; ``curve``, ``on``, ``remedy``: as
+    of a cause.
+    """
+
+    label: str
+    columns: Array
+    kernels: Sequence[Array] = ()
+    together: bool = False
+    curve: LearnedCurve | None = None
+    on: tuple[bool, ...] = ()
+    remedy: str = ""
+
+    @property
+    def usual(self) -> float:
+        """How usual it is beside one that goes with no direction and no second input."""
+        goes_with = self.curve is not None and (self.curve.by or self.curve.signed)
+        return float(GOES_WITH) if goes_with else 1.0
+
+    def roots(self, gram: Array, count: int) -> tuple[Array, ...]:
+        """Return the roots of its kernels: see :func:`ppmcal.diagnosis.kernels.roots`."""
+        return roots(self.kernels or [np.eye(self.columns.shape[1])], gram, count)
 
 
 def over_volume(seen: Visible) -> Iterator[Made]:
@@ -46,9 +75,8 @@ def over_volume(seen: Visible) -> Iterator[Made]:
         columns = [seen.system.column([Shift(pose=bend[:, [k]] * np.eye(6)[PLACE[c]])
                                        for bend in by_part]) * seen.system.observed
                    for k in range(powers.shape[1])]
-        yield (f"an error of {c} that bends over the volume",
-               np.stack([column.reshape(-1) for column in columns], axis=1),
-               [np.eye(len(columns))], False, None, ())
+        yield Made(f"an error of {c} that bends over the volume",
+                   np.stack([column.reshape(-1) for column in columns], axis=1))
 
 
 def of_others(seen: Visible) -> Iterator[Made]:
@@ -57,11 +85,9 @@ def of_others(seen: Visible) -> Iterator[Made]:
     What is carried may move anything, and a drive what its neighbour does.
     """
     mechanism = seen.system.problem.mechanism
-    names = mechanism.actuators
-    each = {name: (JOINT, tuple(a == name for a in names)) for name in names}
-    every = dict(each)
-    if len(names) > 1 and len(set(mechanism.actuator_quantity)) == 1:
-        every[" ".join(names)] = (JOINT, (True,) * len(names))
+    names, groups = mechanism.actuators, joint_groups(mechanism)
+    each = {name: (JOINT, on) for name, on in zip(names, groups, strict=False)}
+    every = {" ".join(compress(names, on)): (JOINT, on) for on in groups}
     every |= {c: (c, (True,) * len(names)) for c in mechanism.coordinates}
     yield from _of(seen, "the payload", carried, every)
     for n, name in enumerate(WRENCH):
@@ -75,19 +101,14 @@ def _of(seen: Visible, name: str, x: Callable[[Setting], Array],
         acted: Mapping[str, tuple[str, tuple[bool, ...]]]) -> Iterator[Made]:
     """Yield functions of what is known of each row (N,), acting on each of some things."""
     values = np.concatenate([x(p.setting) for p in seen.system.parts])
-    width, there = float(np.ptp(values)), float(np.abs(values).max())
-    if not width > 1e-9 * there:
+    nodes = nodes_over(values, values, COARSE, fewest=2, margin=0.0)
+    if nodes is None:
         return
-    different = np.unique(np.round((values - values.min()) / width, 6)).size
-    count = min(COARSE, different, values.size // PER_NODE)
-    if count < 2:
-        return
-    nodes = np.linspace(values.min(), values.max(), count)
     kernels = [matern(nodes, length) for length in LENGTHS]
     for where, (acts, on) in acted.items():
         columns = columns_from(seen, acts, on, lambda s: spline_basis(nodes, x(s)))
-        yield (f"a function of {name} acting on {where}", columns, kernels,
-               acts == JOINT and sum(on) > 1, None, ())
+        yield Made(f"a function of {name} acting on {where}", columns, kernels,
+                   acts == JOINT and sum(on) > 1)
 
 
 def carried(rows: Setting) -> Array:

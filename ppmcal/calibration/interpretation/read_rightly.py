@@ -88,7 +88,8 @@ def _read_otherwise(alone: Problem, held: bool = False) -> Interpretation | None
     # what is left may be all that is wrong, in some of the rows; and a fit may explain it as well
     if best.total > TELLING and any(True for _ in right_parts(alone)):
         return None
-    if not _explains(score(alone, np.inf), best):
+    # what was fitted as it stands has been held against it
+    if np.isinf(as_read.noise) and not _explains(score(alone, np.inf), best):
         return None
     block, sigma, headers = None, dict[str, float](), dict[str, str]()
     if way.reading is not None:
