@@ -127,6 +127,8 @@ def _rows(sheet: Any, source: str) -> list[list[Any]]:
         if number > LAST_ROW:    # rows that are not there are yielded, too
             raise BadInput(f"has a row after {LAST_ROW}, the last that a sheet can have", source,
                            "Save it again, or save the sheet as CSV")
+        if not row:    # a million of them may stand before the next that is there
+            continue
         count += len(row)
         TABLE_CELLS.refuse(count, source)    # with those that are empty
         blank = len([*takewhile((None, "").__contains__, reversed(row))])
