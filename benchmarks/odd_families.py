@@ -235,6 +235,59 @@ def warm_end(c: Campaign) -> None:
     c.joints[:, 0] += 0.01 * (c.along(0) + 2.0) ** 2 * (c.warmth - 20.0) ** 2 / 4.0
 
 
+def late_axis(c: Campaign) -> None:
+    """X is read late, y is not."""
+    c.seen[:, 0] -= 0.004 * np.diff(c.place[:, 0], prepend=c.place[0, 0])
+
+
+def sag_by_place(c: Campaign) -> None:
+    """A table gives way to the payload the more, the farther out it stands."""
+    c.seen[:, 1] -= 0.02 * c.payload * (1.0 + c.away(0))
+
+
+def unlike_heat(c: Campaign) -> None:
+    """Legs grow by the square of how warm it is, each by another amount."""
+    for joint in range(c.joints.shape[1]):
+        c.joints[:, joint] -= 0.006 * (joint + 1.0) * (c.warmth - 20.0) ** 2
+
+
+def settling(c: Campaign) -> None:
+    """A leg jumps after a third of the rows, and creeps back."""
+    since = np.arange(len(c.joints)) - len(c.joints) // 3
+    c.joints[:, 2] += np.where(since >= 0, 0.3 * np.exp(-np.maximum(since, 0) / 12.0), 0.0)
+
+
+def magnet(c: Campaign) -> None:
+    """Steel bends the field of an instrument about one place."""
+    far = (c.away(0) - 0.3) ** 2 + (c.away(1) + 0.2) ** 2
+    c.seen[:, 0] += 0.3 * np.exp(-far / 0.18)
+
+
+def half_a_reversal(c: Campaign) -> None:
+    """A leg turns back late in one half of its stroke."""
+    c.joints[:, 0] += 0.08 * np.sign(c.way(0)) * (c.along(0) > 0.0)
+
+
+def every_other(c: Campaign) -> None:
+    """Every other row a leg is somewhere else."""
+    c.joints[::2, 1] += 0.12
+
+
+def end_of_stroke(c: Campaign) -> None:
+    """A leg does not quite reach its end."""
+    c.joints[:, 1] -= 0.25 * np.maximum(c.along(1) - 0.8, 0.0)
+
+
+def geared(c: Campaign) -> None:
+    """A leg's drive takes its neighbour's along by a little, and in waves."""
+    c.joints[:, 0] += 0.06 * c.along(1) + 0.06 * np.sin(3.0 * c.along(2))
+
+
+def warm_scale(c: Campaign) -> None:
+    """The scale of y changes with the square of how warm it is."""
+    c.seen[:, 1] += 0.02 * c.away(1) * (c.warmth - 20.0) ** 2
+
+
 def noise_far(c: Campaign) -> None:
     """Far away readings scatter up to five times as much."""
     c.seen += 4.0 * SIGMA * np.abs(c.away(0))[:, None] * c.rng.standard_normal(c.seen.shape)
@@ -254,6 +307,11 @@ def noise_of_joints(c: Campaign) -> None:
 def noise_along(c: Campaign) -> None:
     """Readings scatter along one slanted direction: the beam of a tracker."""
     c.seen += 4.0 * SIGMA * c.rng.standard_normal((len(c.seen), 1)) * np.array([0.6, 0.8, 0.0])
+
+
+def noise_loaded(c: Campaign) -> None:
+    """Under load readings scatter five times as much."""
+    c.seen += 0.5 * SIGMA * c.payload[:, None] * c.rng.standard_normal(c.seen.shape)
 
 
 def few_digits(c: Campaign) -> None:
@@ -280,11 +338,12 @@ def homed_anew(c: Campaign) -> None:
 UNLISTED = (lens, refraction, ball_out_of_round, product, stick_slip, walk, dent, two_steps,
             crooked_wave, lags_by_speed, some_rows, late_heat, square_heat, square_load, creep,
             cross_talk, swelling_wave, chirp, coarse, loaded_reversal, by_way, saddle, swaying,
-            bursts)
-AFTERWARDS = (floor_step, homed_often, hinge, interpolation, sharp_bend, next_move, bowl, beat,
-              slips, warm_end)
-"""Made up when the causes of version 0.3.0 stood, and run once."""
-NOISE = (noise_far, noise_late, noise_of_joints, noise_along, few_digits)
+            bursts, floor_step, homed_often, hinge, interpolation, sharp_bend, next_move, bowl,
+            beat, slips, warm_end)
+AFTERWARDS = (late_axis, sag_by_place, unlike_heat, settling, magnet, half_a_reversal, every_other,
+              end_of_stroke, geared, warm_scale)
+"""Made up when the causes of the engine stood, and run once."""
+NOISE = (noise_far, noise_late, noise_of_joints, noise_along, few_digits, noise_loaded)
 LISTED = (reversal, homed_anew)
 FAMILIES: dict[str, Callable[[Campaign], None]] = {
     do.__name__: do for do in (nothing, *UNLISTED, *AFTERWARDS, *NOISE, *LISTED)}
@@ -295,6 +354,7 @@ REVERSAL = {"backlash", "play", "hysteresis"}
 RIGHT: dict[str, set[str]] = {"crooked_wave": {"periodic"}, "swelling_wave": {"periodic"},
          "reversal": REVERSAL, "loaded_reversal": REVERSAL, "homed_anew": {"zero_shift"},
          "bursts": {"target_shift", "base_shift"},
-         "homed_often": {"zero_shift"}, "slips": {"zero_shift"},
+         "homed_often": {"zero_shift"}, "slips": {"zero_shift"}, "settling": {"zero_shift"},
+         "half_a_reversal": REVERSAL,
          "lens": {"sensor_scale", "sensor_scale_axis"}}
 """Kinds that are part of what was done."""

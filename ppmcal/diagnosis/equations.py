@@ -97,7 +97,7 @@ def _columns(seen: Visible, term: Term, products: Sequence[Product]) -> Array:
         found = found if found.ndim == 3 else found[:, None]
         return np.asarray(found * setting.approach[..., None])
 
-    return columns_from(seen, curve.acts, term.on, weights)
+    return columns_from(seen, curve.acts, term.on, [weights(p.setting) for p in seen.system.parts])
 
 
 def _visible(seen: Visible, term: Term, products: Sequence[Product]

@@ -12,12 +12,13 @@ from ppmcal.diagnosis.held_out_gap import Gap
 from ppmcal.diagnosis.lack_of_fit import LackOfFit
 from ppmcal.diagnosis.linearisation import WEAK_VISIBILITY, Linearisation
 from ppmcal.diagnosis.naming import Told, nearest
-from ppmcal.diagnosis.next_experiment import Proposal, nothing, propose
+from ppmcal.diagnosis.next_experiment import Proposal, nothing, propose, record_more
 from ppmcal.diagnosis.other_models import others
 from ppmcal.diagnosis.result import NAMED, Found, NamedEffect, Swallowed
 from ppmcal.diagnosis.unknown_causes import UnknownCause
 from ppmcal.errors import NoResult
 from ppmcal.inference.priors import SURE_SIGMAS
+from ppmcal.model.dataset import Dataset
 from ppmcal.notes import NOTE, Note
 from ppmcal.wording import pluralize
 
@@ -121,7 +122,8 @@ def absorbed_by_geometry(before: Fit, after: Fit) -> tuple[Swallowed, ...]:
     return tuple(sorted(out, key=lambda s: -abs(s.before - s.after) / s.tolerance))
 
 
-def advice(verdict: str, joints: int, gap: Gap | None = None) -> Proposal:
+def advice(verdict: str, joints: int, datasets: Sequence[Dataset], gap: Gap | None = None
+           ) -> Proposal:
     """Return what to do where no measurements tell rivals apart; ``gap``: on held-out poses."""
     if verdict == "named" and gap is not None and not gap.confirmed:
         return nothing("repeat the campaign, or measure more poses: those held out do not confirm "
@@ -129,8 +131,7 @@ def advice(verdict: str, joints: int, gap: Gap | None = None) -> Proposal:
     return nothing({"none": "nothing more to measure: no missing effect is detectable",
                     "weak": "repeat the campaign: the suspicion grows or goes with more rows",
                     "named": "nothing more to measure: the named effects explain the residuals",
-                    }.get(verdict, "record more of what might matter (load, temperature, time)"),
-                   joints)
+                    }.get(verdict) or record_more(datasets), joints)
 
 
 def next_step(what: Told, stage: Linearisation, verdict: str, gap: Gap | None,
@@ -149,4 +150,4 @@ def next_step(what: Told, stage: Linearisation, verdict: str, gap: Gap | None,
         source = what.last.asked.sources[p.leader]
         if isinstance(source, UnknownCause) and source.remedy:
             return nothing(source.remedy, joints)
-    return advice(verdict, joints, gap)
+    return advice(verdict, joints, what.whole.problem.datasets, gap)

@@ -124,7 +124,8 @@ class Hypothesis:
         if self.slot:
             return f"{GEOMETRY} {self.slot}"
         if self.anonymous:
-            return f"an unknown shape along {self.part or self.follows}"
+            return (f"a distortion of the {self.follows}" if self.kind == DISTORTION else
+                    f"an unknown shape along {self.part or self.follows}")
         if self.misread:
             where = f" in {self.follows}" if self.follows else ""
             return f"{self.misread}{where}: {replace(self, misread='', follows='').label}"
@@ -272,14 +273,19 @@ def shapes(to: Collector) -> None:
         one = np.arange(everything.size) == a
         travel = np.concatenate([p.setting.travel[:, a] for p in to.system.parts])
         low, length = float(travel.min()), float(np.ptp(travel)) or 1.0
+        slope = to.columns.shifted([p.setting.at_joints(p.setting.travel, one)
+                                    for p in to.system.parts])
         for at, width in SHAPES:
             shifts = [p.setting.at_joints(_shape(p.setting.travel, low + at * length,
                                                  width * length), one)
                       for p in to.system.parts]
+            # a kink has a slope on either side
+            beside = {} if width else {"slope": slope}
+            columns = {"height": to.columns.shifted(shifts), **beside}
+            free = (np.inf,) * len(columns)
             to.hypotheses.append(Hypothesis(
-                LOCAL, (name,), True, ("height",), (-np.inf,), (np.inf,),
-                (to.columns.shifted(shifts),), anonymous=True,
-                follows=name))
+                LOCAL, (name,), True, tuple(columns), tuple(-f for f in free), free,
+                tuple(columns.values()), anonymous=True, follows=name))
     points = [p.response.seen.points[p.response.end] for p in to.system.parts]
     middle = np.concatenate(points).mean(axis=0)
     shifts = []

@@ -14,13 +14,15 @@ from ppmcal.model.effects.learned_curve import LearnedCurve, spline_basis
 
 LENGTHS = (0.06, 0.12, 0.25, 0.5, 1.0)
 """Lengths of a kernel, in parts of the input's range."""
+FINER = (0.015, 0.03)
+"""The same of functions that are finer than those."""
 SECOND = 2.0
 """Of the second of two inputs."""
 
 
 def matern(nodes: Array, length: float) -> Array:
     """Return the Matern kernel (5/2) between nodes (n, n); ``length`` in parts of their range."""
-    far = np.abs(nodes[:, None] - nodes[None, :]) / (nodes[-1] - nodes[0])
+    far = np.abs(nodes[:, None] - nodes[None, :]) / np.ptp(nodes)
     x = np.sqrt(5.0) * far / length
     return np.asarray((1.0 + x + x**2 / 3.0) * np.exp(-x))
 
@@ -31,16 +33,16 @@ def whole_kernels(curve: LearnedCurve) -> list[Array]:
     return [np.asarray(np.kron(matern(curve.nodes, length), second)) for length in LENGTHS]
 
 
-def bends(x: Array) -> Array:
-    """Return second and third powers (N, p) of places (N, c), of one sigma each, that vary.
+def bends(x: Array, degree: int) -> Array:
+    """Return the powers (N, p) of a degree of places (N, c), of one sigma each, that vary.
 
-    >>> bends(np.array([[0.0, 1.0], [1.0, 1.0], [2.0, 1.0]])).shape
-    (3, 2)
+    >>> bends(np.array([[0.0, 1.0], [1.0, 1.0], [2.0, 1.0]]), 2).shape
+    (3, 1)
     """
     spread = np.std(x, axis=0)
     x = (x - np.mean(x, axis=0))[:, spread > 1e-9 * np.abs(x).max(initial=1e-9)]
     x = x / np.std(x, axis=0)
-    out = [np.prod(x[:, some], axis=1) for degree in (2, 3)
+    out = [np.prod(x[:, some], axis=1)
            for some in map(list, combinations_with_replacement(range(x.shape[1]), degree))]
     return np.stack(out, axis=1) if out else np.zeros((len(x), 0))
 

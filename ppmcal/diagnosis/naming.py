@@ -23,6 +23,7 @@ from ppmcal.diagnosis.held_out_gap import Gap, measure_gap, training_part
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.linearisation import Linearisation, linearisation_of, without
+from ppmcal.diagnosis.next_experiment import record_more
 from ppmcal.diagnosis.options import DiagnosisOptions
 from ppmcal.diagnosis.predictive_check import predictions
 from ppmcal.diagnosis.question import Source, WrongRows
@@ -35,8 +36,7 @@ from ppmcal.model.dataset import Dataset
 from ppmcal.notes import Note
 
 NOT_PREDICTED = ("{} would explain these rows, but poses left out are surely predicted worse with "
-                 "it than by geometry alone: it has no name here; measure more poses, or record "
-                 "more of what might matter (load, temperature, time)")
+                 "it than by geometry alone: it has no name here; measure more poses, or {}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +152,8 @@ def held_out(what: Told, options: DiagnosisOptions, notes: list[Note]) -> HeldOu
         names = ", ".join(dict.fromkeys(p.label for p, _ in what.effects))
         bare = replace(found, after=found.before, last=found.first, added=())
         return HeldOut(bare, poses, gap, predictive, "unnamed", (
-            Note(NOT_PREDICTED.format(names), topic="held out"),))
+            Note(NOT_PREDICTED.format(names, record_more(what.whole.problem.datasets)),
+                 topic="held out"),))
     return HeldOut(found, poses, gap, predictive, what.verdict)
 
 

@@ -7,7 +7,7 @@ the worse one decides.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -24,7 +24,7 @@ from ppmcal.kinematics.effect_response import environment_of
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.tables import inverse_table
 from ppmcal.linalg import Array, finite_rows
-from ppmcal.model.dataset import Dataset
+from ppmcal.model.dataset import WRENCH, Dataset
 from ppmcal.wording import pluralize, shorten_label
 
 POSES = 150
@@ -61,6 +61,22 @@ class Proposal:
 def nothing(reason: str, joints: int) -> Proposal:
     """Return an empty proposal."""
     return Proposal(reason, np.zeros((0, joints)), np.zeros((0, 6)))
+
+
+LOADS = ("payload", *WRENCH)
+ALL_RECORDED = ("measure the same poses again in another order: what is the same again goes with "
+                "the place, what is not with time or the way")
+
+
+def record_more(datasets: Sequence[Dataset]) -> str:
+    """Return what to record that might matter and is not recorded; if all is, what else to do."""
+    def lacks(names: Sequence[str]) -> bool:
+        return any(not set(names) & set(d.columns) for d in datasets)
+
+    missing = [word for word, names in (("load", LOADS), ("temperature", ("temperature",)),
+                                        ("time", ("time",))) if lacks(names)]
+    return (f"record more of what might matter ({', '.join(missing)})" if missing
+            else ALL_RECORDED)
 
 
 def with_poses(proposal: Proposal, campaign: WeakCampaign | None) -> Proposal:

@@ -199,19 +199,19 @@ def joint_groups(mechanism: Mechanism) -> list[tuple[bool, ...]]:
 
 def columns_of(seen: Visible, curve: LearnedCurve, on: Sequence[bool]) -> Array:
     """Return the whitened columns of a curve's values at its nodes (n, K)."""
-    return columns_from(seen, curve.acts, on, curve.weights)
+    return columns_from(seen, curve.acts, on, [
+        curve.weights(p.setting) for p in seen.system.parts])
 
 
-def columns_from(seen: Visible, acts: str, on: Sequence[bool],
-                 weights: Callable[[Setting], Array]) -> Array:
+def columns_from(seen: Visible, acts: str, on: Sequence[bool], weights: Sequence[Array]
+                 ) -> Array:
     """Return the whitened columns (n, K) of functions that act as a curve does.
 
-    ``acts``: on a coordinate of the pose, or on the joints ``on``. ``weights``: rows -> the
-    functions of the machine (N, K), or by joint (N, k, K).
+    ``acts``: on a coordinate of the pose, or on the joints ``on``. ``weights``: the functions of
+    the machine (N, K), or by joint (N, k, K), by part of the system.
     """
     system, columns = seen.system, []
-    for i, part in enumerate(system.parts):
-        weight = weights(part.setting)
+    for i, (part, weight) in enumerate(zip(system.parts, weights, strict=True)):
         out = np.zeros((*system.residual.shape, weight.shape[-1]))
         columns.append(out)
         if acts != JOINT:

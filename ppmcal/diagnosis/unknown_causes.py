@@ -16,15 +16,22 @@ import numpy as np
 from ppmcal.diagnosis.grids import start_values
 from ppmcal.diagnosis.kernels import LENGTHS, SECOND, beyond_mean, courses, matern
 from ppmcal.diagnosis.linear_system import System, Whitening
-from ppmcal.diagnosis.term_candidates import Visible, columns_of, forms, joint_groups
-from ppmcal.diagnosis.unknown_functions import Made, of_others, over_volume
+from ppmcal.diagnosis.term_candidates import Visible, columns_of, forms
+from ppmcal.diagnosis.unknown_functions import (
+    ALONE,
+    LOADED,
+    Made,
+    fine_functions,
+    of_others,
+    over_volume,
+)
+from ppmcal.diagnosis.unknown_ways import of_ways
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns
 from ppmcal.inference.priors import FAMILY, SHAPES, UNKNOWN
 from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.effects import Setting, Shift, effect_kinds
 from ppmcal.model.effects.learned import JOINT, LearnedCurve
-from ppmcal.model.effects.learned_curve import spline_basis
 from ppmcal.model.effects.setting import PLACE
 from ppmcal.model.motions import Motion
 
@@ -32,13 +39,13 @@ UNKNOWN_FAMILY = "unknown"
 """The family of what no kind of the library does."""
 ALL_ZEROS = "all zeros"
 PULLS = "what limbs pull against each other, another at each pose"
-SHORT = LENGTHS[:2]
-"""Ways within which a reversal is taken up: over longer ones it is a slope and no reversal."""
 WAVES = 24
 """Half waves of a course in time; of a body, in all coordinates at once, half as many."""
 MOST_PLACES = 400
 """Poses or rows that may have a column each: so many take a third of the time of the rest."""
 ROUND_OFF = 1e-11
+AGAIN = "go to one pose again and again from the same side, and read {} each time"
+COURSE = "measure one pose again and again, from the beginning of a campaign to its end"
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +78,8 @@ class UnknownCauses:
         self._columns: list[Array] = []
         self.causes: list[UnknownCause] = []
         inputs = [*self._of_inputs(everywhere), *over_volume(self._seen), *of_others(self._seen),
-                  *self._of_places(), *self._of_ways(), *self._of_loads()]
+                  *fine_functions(self._seen), *self._of_places(), *of_ways(self._seen, WAVES),
+                  *self._of_loads()]
         trends = list(self._of_time())
         groups = [g for g in (inputs, trends) if g]
         for group in groups:
@@ -141,7 +149,9 @@ class UnknownCauses:
             together = curve.acts == JOINT and len(acted) > 1
             label = (f"a function of {' and '.join(curve.inputs)}"
                      f"{' by direction' if curve.signed else ''} acting on {where}")
-            yield Made(label, columns_of(self._seen, curve, on), kernels, together, curve, on)
+            alone = curve.inputs == ("travel",) and not together
+            yield Made(label, columns_of(self._seen, curve, on), kernels, together, curve, on,
+                       ALONE.format(where, "it") if alone else "")
 
     def _kernels(self, curve: LearnedCurve, on: Sequence[bool]) -> list[Array]:
         """Return the kernels of a curve's values, by length.
@@ -176,58 +186,22 @@ class UnknownCauses:
         if again:
             each = self._at_each(place)
             for name, own in each.items():
-                yield Made(f"a function of travel too fine to be seen acting on {name}", own)
+                yield Made(f"a function of travel too fine to be seen acting on {name}", own,
+                           remedy=ALONE.format(name, "it"))
             few = 2 * poses.size <= MOST_PLACES     # of all joints at once half as many
             if few and self.system.problem.mechanism.surplus and ALL_ZEROS in self.zeros:
                 every = np.concatenate(list(each.values()), axis=1)
                 yield Made(PULLS, every, together=True)
         if 1 < rows <= MOST_PLACES and self.system.count >= 2 * rows:
             for name, own in self._at_each(np.arange(rows)).items():
-                yield Made(f"something that differs from row to row acting on {name}", own)
+                yield Made(f"something that differs from row to row acting on {name}", own,
+                           remedy=AGAIN.format(name))
 
     def _at_each(self, place: Ints) -> dict[str, Array]:
         """Return what each joint's zero does by itself at each of P places; rows are at (N,)."""
         there = np.eye(int(place.max()) + 1)[place][:, None, :]
         return {name: (unit[..., None] * there).reshape(-1, there.shape[-1])
                 for name, unit in self.zeros_of_joints.items()}
-
-    def _of_ways(self) -> Iterator[Made]:
-        """Yield functions of the way from the row before, where no file says how rows were reached.
-
-        Nobody promises that a joint came that way; an unknown cause may yet follow it.
-        """
-        system, mechanism = self.system, self.system.problem.mechanism
-        here = [p.setting for p in system.parts]
-        if all(np.isfinite(s.move).any() for s in here):
-            return
-        way = np.concatenate([_way(system.problem.datasets[p.dataset].q)[system.row[p.at]]
-                              for p in system.firsts])
-        approach = np.concatenate([p.setting.approach for p in system.firsts])
-        sided = bool(np.isfinite(approach).all()) and bool(np.ptp(approach) > 0.0)
-        own = list(self.zeros_of_joints.values())
-        for on in (np.flatnonzero(group).tolist() for group in joint_groups(mechanism)):
-            known = way[:, list(on)]
-            if np.isfinite(known).sum() < 3 * WAVES:
-                continue
-            for signed in (False, True) if sided else (False,):
-                side = approach if signed else np.ones_like(way)
-                along = way * side
-                low, high = np.nanmin(along[:, list(on)]), np.nanmax(along[:, list(on)])
-                nodes = np.linspace(float(low), float(high), WAVES)
-                kernels = [matern(nodes, length) for length in LENGTHS]
-                if signed:  # beyond a reversal, or a reversal that short ways take up in part
-                    known = along[:, list(on)]
-                    kernels = [*beyond_mean(kernels, nodes, known[np.isfinite(known)]),
-                               *(1.0 + matern(nodes, length) for length in SHORT)]
-                columns = np.zeros((system.observed.size, WAVES))
-                for a in on:
-                    weight = spline_basis(nodes, np.nan_to_num(along[:, a])) * np.isfinite(
-                        way[:, a])[:, None] * side[:, [a]]
-                    columns += (own[a][..., None] * weight[:, None, :]).reshape(-1, WAVES)
-                acted = " ".join(mechanism.actuators[a] for a in on)
-                yield Made(f"a function of the way from the row before"
-                           f"{' by direction' if signed else ''} acting on {acted}",
-                           columns, kernels, len(on) > 1)
 
     def _of_loads(self) -> Iterator[Made]:
         """Yield what gives way to the load in no way that the library has.
@@ -249,7 +223,8 @@ class UnknownCauses:
         columns = [answers[i][j] + (answers[j][i] if i != j else 0.0)
                    for i in range(count) for j in range(i, count)]
         yield Made("something that gives way to the load",
-                   np.stack([c.reshape(-1) for c in columns], axis=1), together=True)
+                   np.stack([c.reshape(-1) for c in columns], axis=1), together=True,
+                   remedy=LOADED)
 
     def _of_references(self) -> Iterator[Made]:
         """Yield errors of what the machine is measured against.
@@ -280,7 +255,8 @@ class UnknownCauses:
                                           for u in units], axis=1)
                 each = [np.asarray(np.kron(np.eye(len(units)), k)) for k in courses(wave)]
                 together = way == ALL_ZEROS or len(units) > 1
-                yield Made(f"a slow course{when} of {way}", columns, each, together)
+                yield Made(f"a slow course{when} of {way}", columns, each, together,
+                           remedy=COURSE)
 
     @cached_property
     def _rows(self) -> Array:
@@ -320,11 +296,6 @@ def _moved(body: str, coordinate: str, rows: int) -> Shift:
     """Return the shift of the ``frame`` or the ``target`` along one coordinate, by 1."""
     along = np.tile(np.eye(6)[PLACE[coordinate]], (rows, 1))
     return Shift(frame=along) if body == "frame" else Shift(target=along)
-
-
-def _way(q: Array) -> Array:
-    """Return the way of each joint from the row before (N, k), nan where that is not known."""
-    return np.concatenate([np.full((1, q.shape[1]), np.nan), np.diff(q, axis=0)])
 
 
 def _free(motion: Motion) -> tuple[str, ...]:

@@ -5,16 +5,16 @@ As blocks of columns with the covariance of their coefficients, for :mod:`unknow
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import compress
 
 import numpy as np
 
-from ppmcal.diagnosis.kernels import LENGTHS, bends, matern, roots
+from ppmcal.diagnosis.kernels import FINER, LENGTHS, bends, matern, roots
 from ppmcal.diagnosis.term_candidates import (
     COARSE,
+    FINE,
     Visible,
     columns_from,
     is_residual,
@@ -24,10 +24,17 @@ from ppmcal.diagnosis.term_candidates import (
 from ppmcal.inference.priors import GOES_WITH
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import WRENCH
-from ppmcal.model.effects import Setting, Shift
-from ppmcal.model.effects.learned import INPUTS, JOINT, LearnedCurve
+from ppmcal.model.effects import Setting
+from ppmcal.model.effects.learned import INPUTS, JOINT, LearnedCurve, LearnedInput
 from ppmcal.model.effects.learned_curve import spline_basis
 from ppmcal.model.effects.setting import PLACE
+
+GAUGE = ("measure a gauge of known length at several places of the workspace: it tells an error of "
+         "the instrument from one of the machine")
+FINEST = 128
+"""Nodes over the travel of a joint of a function that is finer than a learned one."""
+LOADED = "at one pose, indicate it while the load is put on and taken off"
+ALONE = "move {} alone in fine steps, and indicate {}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,25 +65,51 @@ class Made:
         return roots(self.kernels or [np.eye(self.columns.shape[1])], gram, count)
 
 
+def fine_functions(seen: Visible) -> Iterator[Made]:
+    """Yield functions of a joint's travel that are finer than those that are learned.
+
+    Such as a wave whose pitch changes along the stroke. A term with so many nodes would not be
+    known in most places.
+    """
+    mechanism = seen.system.problem.mechanism
+    travel = [p.setting.travel for p in seen.system.parts]
+    for on in joint_groups(mechanism):
+        own = np.concatenate(travel)[:, np.array(on)]
+        count = min(FINEST, len(own))
+        if not np.ptp(own) > 0.0 or count <= FINE:
+            continue
+        nodes = np.linspace(own.min(), own.max(), count)
+        acted = " ".join(compress(mechanism.actuators, on))
+        yield Made(f"a fine function of travel acting on {acted}", columns_from(
+            seen, JOINT, on, [spline_basis(nodes, x) for x in travel]),
+            [matern(nodes, length) for length in FINER], sum(on) > 1,
+            remedy="" if sum(on) > 1 else ALONE.format(acted, "it"))
+
+
 def over_volume(seen: Visible) -> Iterator[Made]:
     """Yield errors of each coordinate that bend smoothly over the volume, as a lens' do.
 
-    Second and third powers of the coordinates; what is linear in them is scale, turn and skew.
+    Second powers of all coordinates, third powers of the position's; what is linear in them is
+    scale, turn and skew.
     """
     here = [p.setting for p in seen.system.parts]
-    own = [c for c in seen.system.problem.mechanism.coordinates if PLACE[c] < 3]
-    over = [INPUTS[c] for c in own if not is_residual(seen, INPUTS[c], here)]
-    each = [np.stack([x.value(s) for x in over], axis=1) for s in here] if over else []
-    powers = bends(np.concatenate(each)) if over else np.zeros((0, 0))
+    coordinates = seen.system.problem.mechanism.coordinates
+    over = [INPUTS[c] for c in coordinates if not is_residual(seen, INPUTS[c], here)]
+    places = [x for x in over if PLACE[x.name] < 3]
+    powers = np.concatenate([_powers(over, here, 2), _powers(places, here, 3)], axis=1)
     if not powers.size:
         return
-    by_part = np.split(powers, np.cumsum([len(x) for x in each])[:-1])
-    for c in own:
-        columns = [seen.system.column([Shift(pose=bend[:, [k]] * np.eye(6)[PLACE[c]])
-                                       for bend in by_part]) * seen.system.observed
-                   for k in range(powers.shape[1])]
-        yield Made(f"an error of {c} that bends over the volume",
-                   np.stack([column.reshape(-1) for column in columns], axis=1))
+    by_part = np.split(powers, np.cumsum([s.time.size for s in here])[:-1])
+    for c in coordinates:
+        yield Made(f"a distortion of {c} over the workspace", columns_from(seen, c, (), by_part),
+                   remedy=GAUGE)
+
+
+def _powers(inputs: Sequence[LearnedInput], rows: Sequence[Setting], degree: int) -> Array:
+    """Return the powers (N, p) of a degree of some inputs, of the rows of all parts."""
+    values = [np.stack([x.value(s) for x in inputs], axis=1) for s in rows if inputs]
+    return bends(np.concatenate(values), degree) if values else np.zeros(
+        (sum(s.time.size for s in rows), 0))
 
 
 def of_others(seen: Visible) -> Iterator[Made]:
@@ -89,26 +122,33 @@ def of_others(seen: Visible) -> Iterator[Made]:
     each = {name: (JOINT, on) for name, on in zip(names, groups, strict=False)}
     every = {" ".join(compress(names, on)): (JOINT, on) for on in groups}
     every |= {c: (c, (True,) * len(names)) for c in mechanism.coordinates}
-    yield from _of(seen, "the payload", carried, every)
+    rows = [p.setting for p in seen.system.parts]
+    yield from functions_of(seen, "the payload", [carried(s) for s in rows], every, LOADED)
     for n, name in enumerate(WRENCH):
-        yield from _of(seen, name, partial(applied, n), every)
+        yield from functions_of(seen, name, [applied(n, s) for s in rows], every, LOADED)
     for n, name in enumerate(names):
-        yield from _of(seen, f"the travel of {name}", partial(travelled, n),
-                       {other: on for other, on in each.items() if other != name})
+        yield from functions_of(seen, f"the travel of {name}", [s.travel[:, n] for s in rows],
+                                {other: on for other, on in each.items() if other != name},
+                                ALONE.format(name, "the other"))
 
 
-def _of(seen: Visible, name: str, x: Callable[[Setting], Array],
-        acted: Mapping[str, tuple[str, tuple[bool, ...]]]) -> Iterator[Made]:
-    """Yield functions of what is known of each row (N,), acting on each of some things."""
-    values = np.concatenate([x(p.setting) for p in seen.system.parts])
+def functions_of(seen: Visible, name: str, x: Sequence[Array],
+                 acted: Mapping[str, tuple[str, tuple[bool, ...]]], remedy: str = ""
+                 ) -> Iterator[Made]:
+    """Yield functions of what is known of each row (N,), by part, acting on each of some things.
+
+    ``acted``: in words -> a coordinate of the pose or joints, and which, as of a curve.
+    ``remedy``: as of a cause.
+    """
+    values = np.concatenate(x)
     nodes = nodes_over(values, values, COARSE, fewest=2, margin=0.0)
     if nodes is None:
         return
     kernels = [matern(nodes, length) for length in LENGTHS]
+    weights = [spline_basis(nodes, own) for own in x]
     for where, (acts, on) in acted.items():
-        columns = columns_from(seen, acts, on, lambda s: spline_basis(nodes, x(s)))
-        yield Made(f"a function of {name} acting on {where}", columns, kernels,
-                   acts == JOINT and sum(on) > 1)
+        yield Made(f"a function of {name} acting on {where}", columns_from(seen, acts, on, weights),
+                   kernels, acts == JOINT and sum(on) > 1, remedy=remedy)
 
 
 def carried(rows: Setting) -> Array:
@@ -120,8 +160,3 @@ def applied(component: int, rows: Setting) -> Array:
     """Return a component of the wrench on the platform (N,) beside the weight of its payload."""
     own = rows.wrench[:, component]
     return own - rows.weight[:, component] if component < 3 else own
-
-
-def travelled(joint: int, rows: Setting) -> Array:
-    """Return the travel of one joint (N,)."""
-    return rows.travel[:, joint]

@@ -69,15 +69,15 @@ def test_what_geometry_imitates_is_said_once() -> None:
 
 @pytest.mark.parametrize(("verdict", "words"), [
     ("none", "nothing more to measure: no missing"), ("weak", "repeat the campaign"),
-    ("named", "nothing more to measure: the named"), ("partial", "record more of what")])
+    ("named", "nothing more to measure: the named"), ("partial", "measure the same poses again")])
 def test_the_next_step_of_each_verdict(verdict: str, words: str) -> None:
-    assert advice(verdict, 2).reason.startswith(words)
+    assert advice(verdict, 2, ()).reason.startswith(words)
 
 
 def test_what_held_out_poses_do_not_confirm_is_to_be_measured_again() -> None:
     gap: Any = SimpleNamespace(confirmed=False)
-    assert "do not confirm" in advice("named", 2, gap).reason
-    assert "do not confirm" not in advice("unnamed", 2, gap).reason
+    assert "do not confirm" in advice("named", 2, (), gap).reason
+    assert "do not confirm" not in advice("unnamed", 2, (), gap).reason
 
 
 def hypothesis(**traits: Any) -> Hypothesis:

@@ -32,7 +32,7 @@ OTHERS = {
         "one_sided.HUBER",
         "moves.CLOSE", "moves.DEEP", "moves.FIRSTS", "moves.MOST",
         "moves.MOST_FORMS", "moves.SETS", "question.KEPT", "row_weights.AT_ONCE", "sets.MOVES",
-        "term_candidates.PER_NODE", "learned_shapes.POINTS"},
+        "term_candidates.PER_NODE", "unknown_functions.FINEST", "learned_shapes.POINTS"},
     # what is smaller changes no digit that is told
     "round-off": {
         "hypotheses.AS_ROUND_OFF",
@@ -55,7 +55,7 @@ OTHERS = {
         "left_over_pattern.MOSTLY", "left_over_pattern.RESIDUAL", "left_over_pattern.SHOWN",
         "left_over_pattern.VISIBLE", "plot_data.MANY_OUT"},
     # lengths of kernels, of which the data tell
-    "kernels": {"kernels.LENGTHS", "kernels.SECOND", "term_candidates.PAIRED"},
+    "kernels": {"kernels.FINER", "kernels.LENGTHS", "kernels.SECOND", "term_candidates.PAIRED"},
 }
 HALF = {"explanation": 1}
 """Comparisons with 1/2, of what is likelier than not."""

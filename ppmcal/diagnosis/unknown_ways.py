@@ -1,0 +1,104 @@
+"""Functions of the ways between rows: of each joint's, and of how far the platform came.
+
+Nobody promises that a joint came from the row before; an unknown cause may yet follow that way. A
+reading that is late or early holds a part of the way from the last row, or to the next one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ppmcal.algebra.conversions import rotation_vector
+from ppmcal.algebra.motors import compose, reverse, translation
+from ppmcal.diagnosis.kernels import LENGTHS, beyond_mean, matern
+from ppmcal.diagnosis.term_candidates import PER_NODE, Visible, columns_from, joint_groups
+from ppmcal.diagnosis.unknown_functions import Made, functions_of
+from ppmcal.linalg import Array
+from ppmcal.model.effects.learned import JOINT
+from ppmcal.model.effects.learned_curve import spline_basis
+from ppmcal.model.effects.setting import PLACE
+
+SHORT = LENGTHS[:2]
+"""Ways within which a reversal is taken up: over longer ones it is a slope and no reversal."""
+AT_REST = ("read only once the platform is at rest, and check that joints and instrument are read "
+           "at the same moment")
+BOTH_WAYS = "record how each row was reached (`dir_`), and reach some poses from either side"
+
+
+def of_ways(seen: Visible, nodes: int) -> Iterator[Made]:
+    """Yield functions of the ways, at so many nodes over their range.
+
+    Of the way from the row before none where files say how rows were reached: the library has it.
+    """
+    system = seen.system
+    joints = [np.diff(data.q, axis=0) for data in system.problem.datasets]
+    none = np.full((1, len(system.problem.mechanism.actuators)), np.nan)
+    moved = [_moved(poses[:, :8]) for poses in system.state.poses]
+    still = np.zeros((1, 6))
+    if not all(np.isfinite(p.setting.move).any() for p in system.parts):
+        came = _at_rows(seen, [np.concatenate([none, way]) for way in joints])
+        yield from _of_joints(seen, "from the row before", came, nodes)
+        approach = [p.setting.approach for p in system.parts]
+        sides = np.concatenate(approach)
+        if np.isfinite(sides).all() and np.ptp(sides) > 0.0:
+            yield from _of_joints(seen, "from the row before", came, nodes, approach)
+    goes = _at_rows(seen, [np.concatenate([way, none]) for way in joints])
+    yield from _of_joints(seen, "to the next row", goes, nodes)
+    yield _part_of(seen, "from the row before", [np.concatenate([still, m]) for m in moved])
+    yield _part_of(seen, "to the next row", [np.concatenate([m, still]) for m in moved])
+    far = [np.linalg.norm(np.concatenate([still, m])[:, :3], axis=1) for m in moved]
+    yield from functions_of(seen, "how far the platform came", _at_rows(seen, far),
+                            {c: (c, ()) for c in system.problem.mechanism.coordinates}, AT_REST)
+
+
+def _moved(poses: Array) -> Array:
+    """Return the displacements (N-1, 6) between poses (N, 8), base axes; 0 where one is unknown."""
+    turned = rotation_vector(compose(poses[1:], reverse(poses[:-1])))
+    ways = np.concatenate([np.diff(translation(poses), axis=0), turned], axis=1)
+    return np.asarray(np.nan_to_num(ways))
+
+
+def _part_of(seen: Visible, name: str, ways: Sequence[Array]) -> Made:
+    """Return what readings do that hold a part of the platform's way (N, 6), and of its turn."""
+    coordinates = seen.system.problem.mechanism.coordinates
+    turns = np.array([PLACE[c] >= 3 for c in coordinates])
+    own = np.stack([columns_from(seen, c, (), [way[:, [PLACE[c]]] for way in _at_rows(seen, ways)])
+                    for c in coordinates])
+    columns = [np.asarray(own[some].sum(axis=0)) for some in (~turns, turns) if some.any()]
+    return Made(f"readings that hold a part of the way {name}", np.concatenate(columns, axis=1),
+                remedy=AT_REST)
+
+
+def _at_rows(seen: Visible, values: Sequence[Array]) -> list[Array]:
+    """Return values that each data set has by row, of the rows of each part of the system."""
+    return [values[p.dataset][seen.system.row[p.at]] for p in seen.system.parts]
+
+
+def _of_joints(seen: Visible, name: str, ways: Sequence[Array], count: int,
+               sides: Sequence[Array] = ()) -> Iterator[Made]:
+    """Yield functions of joints' ways (N, k), each by its own.
+
+    ``sides`` (N, k): along the direction of approach; beyond a reversal, which the library has, or
+    a reversal that short ways take up in part.
+    """
+    mechanism = seen.system.problem.mechanism
+    along = [way * side for way, side in zip(ways, sides, strict=True)] if sides else ways
+    for on in joint_groups(mechanism):
+        known = np.concatenate([x[:, np.array(on)] for x in along])
+        known = known[np.isfinite(known)]
+        if known.size < PER_NODE * count or not np.ptp(known) > 0.0:
+            continue
+        nodes = np.linspace(known.min(), known.max(), count)
+        kernels = [matern(nodes, length) for length in LENGTHS]
+        if sides:
+            kernels = [*beyond_mean(kernels, nodes, known),
+                       *(1.0 + matern(nodes, length) for length in SHORT)]
+        weights = [spline_basis(nodes, np.nan_to_num(x)) * np.isfinite(x)[..., None] for x in along]
+        if sides:
+            weights = [w * side[..., None] for w, side in zip(weights, sides, strict=True)]
+        acted = " ".join(a for a, there in zip(mechanism.actuators, on, strict=True) if there)
+        yield Made(f"a function of the way {name}{' by direction' if sides else ''} acting on "
+                   f"{acted}", columns_from(seen, JOINT, on, weights), kernels, sum(on) > 1,
+                   remedy=BOTH_WAYS)
