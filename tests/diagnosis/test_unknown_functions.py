@@ -1,4 +1,4 @@
-"""Functions that no library has: over the volume, of the payload, of another joint's travel."""
+"""Functions that no library has: over the volume, of payload, ways, travel, fine and kinked."""
 
 from __future__ import annotations
 
@@ -59,3 +59,38 @@ def test_what_a_joint_does_to_another_is_no_gain() -> None:
 
     place, = found(moved).places
     assert place.label == "a function of the travel of leg2 acting on leg1" and not place.named
+
+
+def test_a_wave_that_turns_faster_along_the_stroke_is_no_row_of_waves() -> None:
+    def wavy(data: Dataset, sigma: Array) -> Dataset:
+        q = data.q.copy()
+        along = (q[:, 0] - q[:, 0].min()) / np.ptp(q[:, 0])
+        q[:, 0] += 6.0 * sigma * np.sin(40.0 * along**2)
+        return replace(data, q=q)
+
+    place, = found(wavy).places
+    assert place.label == "a fine function of travel acting on leg1" and not place.named
+
+
+@pytest.mark.parametrize(("ahead", "row"), [
+    (True, "to the next row"), (False, "from the row before")])
+def test_what_is_read_while_the_machine_moves_is_no_scale(ahead: bool, row: str) -> None:
+    def early(data: Dataset, sigma: Array) -> Dataset:
+        seen = data.position.copy()
+        ways = np.diff(seen, axis=0)
+        seen[slice(None, -1) if ahead else slice(1, None)] += 0.002 * (ways if ahead else -ways)
+        return replace(data, position=seen, columns={**data.columns, **{
+            f"dir_leg{n}": np.full(len(data), np.nan) for n in (1, 2, 3)}})
+
+    place, = found(early).places
+    assert place.label == f"readings that hold a part of the way {row}" and not place.named
+
+
+def test_a_kink_within_a_stroke_is_no_gain() -> None:
+    def kinked(data: Dataset, sigma: Array) -> Dataset:
+        q = data.q.copy()
+        q[:, 1] += 12.0 * sigma * np.abs(q[:, 1] - np.quantile(q[:, 1], 0.4)) / q[:, 1].std()
+        return replace(data, q=q)
+
+    place, = found(kinked).places
+    assert not place.named and "leg2" in place.label
