@@ -42,7 +42,9 @@ PULLS = "what limbs pull against each other, another at each pose"
 WAVES = 24
 """Half waves of a course in time; of a body, in all coordinates at once, half as many."""
 MOST_PLACES = 400
-"""Poses or rows that may have a column each: so many take a third of the time of the rest."""
+"""Poses that may have a column each: so many take a third of the time of the rest."""
+MOST_SCATTERED = 800
+"""The same of rows: without it a joint's scatter is a long row of other causes."""
 ROUND_OFF = 1e-11
 AGAIN = "go to one pose again and again from the same side, and read {} each time"
 COURSE = "measure one pose again and again, from the beginning of a campaign to its end"
@@ -117,8 +119,9 @@ class UnknownCauses:
     @cached_property
     def columns(self) -> MatrixColumns:
         """All columns (n, T), zero where nothing was observed."""
-        count = self.system.observed.size
-        return MatrixColumns(np.hstack([np.zeros((count, 0)), *self._columns]))
+        every = np.hstack([np.zeros((self.system.observed.size, 0)), *self._columns])
+        self._columns.clear()       # hundreds of megabytes of large campaigns
+        return MatrixColumns(every)
 
     def blocks(self, first: int) -> Iterator[tuple[Block, UnknownCause]]:
         """Yield all blocks; ``first``: number of the first column."""
@@ -192,7 +195,7 @@ class UnknownCauses:
             if few and self.system.problem.mechanism.surplus and ALL_ZEROS in self.zeros:
                 every = np.concatenate(list(each.values()), axis=1)
                 yield Made(PULLS, every, together=True)
-        if 1 < rows <= MOST_PLACES and self.system.count >= 2 * rows:
+        if 1 < rows <= MOST_SCATTERED and self.system.count >= 2 * rows:
             for name, own in self._at_each(np.arange(rows)).items():
                 yield Made(f"something that differs from row to row acting on {name}", own,
                            remedy=AGAIN.format(name))
