@@ -562,6 +562,21 @@ def test_what_happens_in_a_stretch_is_no_mistake(tmp_path: Path, case: str, mach
     assert wrong_rows(identify(problem)) == ()
 
 
+def test_a_strut_that_is_homed_elsewhere_for_some_rows_has_no_other_sign(tmp_path: Path) -> None:
+    """With the other sign its zero is the other way round; such a length is negative."""
+    problem = campaign(tmp_path, "none", "3-RPR")
+    data, = problem.datasets
+    zero = next(i for i, n in enumerate(problem.mechanism.names) if n.endswith("offset"))
+    def with_joints(q: Array) -> Problem:
+        return replace(problem, datasets=(replace(data, q=q, whole=None, place=None),), given=None)
+
+    q = data.q - [2e-4, 0.0, 0.0]
+    q[20:30, 0] += 2.0 * identify(with_joints(q)).state.g[zero]
+    fit = identify(with_joints(q))
+    assert not fit.keep[0][20:30].any()
+    assert wrong_rows(fit) == ()
+
+
 def test_one_number_typed_wrong_is_no_other_machine(tmp_path: Path) -> None:
     """Both points of a leg's base 30 tolerances off: told as a finding, and fitted."""
     problem = campaign(tmp_path, "none", "delta-linear")

@@ -39,6 +39,7 @@ from ppmcal.calibration.interpretation.limits import (
     LANDS,
     SLACK,
 )
+from ppmcal.calibration.interpretation.obvious_mistakes import rows_with_negative_struts
 from ppmcal.calibration.interpretation.readings import ColumnInterpretation, readable
 from ppmcal.calibration.interpretation.score import PARTS, read_in_ways, right_parts
 from ppmcal.errors import PpmcalError
@@ -153,6 +154,12 @@ def _stretch(apart: _LeftOut) -> Interpretation | None:
     readings = [*(replace(plain, joints=j) for j in joint_readings(mechanism, own)[1:]),
                 *pose_readings(plain, own)[1:]]
     few = rows[subsample([np.ones(len(rows), bool)], SCREENED)[0]]
+    # of a strut only the square is seen: with the other sign it has another zero, and no mistake
+    turned = rows_with_negative_struts(read_in_ways(data, few, readings), mechanism)
+    readings = [r for r, t in zip(readings, turned.reshape(len(readings), -1), strict=True)
+                if not t.any()]
+    if not readings:
+        return None
     share = apart.read(readings, few).mean(axis=1)
     best = max(range(len(share)), key=lambda i: (share[i], -readings[i].parts))
     if share[best] <= 0.5:
