@@ -355,6 +355,6 @@ RIGHT: dict[str, set[str]] = {"crooked_wave": {"periodic"}, "swelling_wave": {"p
          "reversal": REVERSAL, "loaded_reversal": REVERSAL, "homed_anew": {"zero_shift"},
          "bursts": {"target_shift", "base_shift"},
          "homed_often": {"zero_shift"}, "slips": {"zero_shift"}, "settling": {"zero_shift"},
-         "half_a_reversal": REVERSAL,
+         "half_a_reversal": REVERSAL, "sag_by_place": {"base_compliance"},
          "lens": {"sensor_scale", "sensor_scale_axis"}}
 """Kinds that are part of what was done."""
