@@ -22,6 +22,7 @@ from ppmcal.diagnosis.unknown_functions import (
     LOADED,
     Made,
     fine_functions,
+    functions_of_each,
     of_others,
     over_volume,
 )
@@ -80,8 +81,8 @@ class UnknownCauses:
         self._columns: list[Array] = []
         self.causes: list[UnknownCause] = []
         inputs = [*self._of_inputs(everywhere), *over_volume(self._seen), *of_others(self._seen),
-                  *fine_functions(self._seen), *self._of_places(), *of_ways(self._seen, WAVES),
-                  *self._of_loads()]
+                  *functions_of_each(self._seen), *fine_functions(self._seen),
+                  *self._of_places(), *of_ways(self._seen, WAVES), *self._of_loads()]
         trends = list(self._of_time())
         groups = [g for g in (inputs, trends) if g]
         for group in groups:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from itertools import compress
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from ppmcal.diagnosis.kernels import FINER, LENGTHS, bends, matern, roots
 from ppmcal.diagnosis.term_candidates import (
@@ -84,6 +85,38 @@ def fine_functions(seen: Visible) -> Iterator[Made]:
             seen, JOINT, on, [spline_basis(nodes, x) for x in travel]),
             [matern(nodes, length) for length in FINER], sum(on) > 1,
             remedy="" if sum(on) > 1 else ALONE.format(acted, "it"))
+
+
+def functions_of_each(seen: Visible) -> Iterator[Made]:
+    """Yield functions that all joints have, each another one, of what is recorded.
+
+    As effects that all joints have, each by an amount of its own: what one joint has, all have in
+    half of the machines.
+    """
+    rows = [p.setting for p in seen.system.parts]
+    yield from _of_each(seen, "its own travel", [s.travel for s in rows], FINE)
+    for name, x in (("temperature", [s.temperature for s in rows]),
+                    ("the payload", [carried(s) for s in rows])):
+        if np.isfinite(np.concatenate(x)).all():
+            yield from _of_each(seen, name, [np.repeat(own[:, None], s.travel.shape[1], axis=1)
+                                             for own, s in zip(x, rows, strict=True)], COARSE)
+
+
+def _of_each(seen: Visible, name: str, x: Sequence[Array], most: int) -> Iterator[Made]:
+    """Yield the functions of what is known of each row and joint (N, k), by part."""
+    mechanism = seen.system.problem.mechanism
+    every, columns, kernels = np.concatenate(x), [], []
+    for on in joint_groups(mechanism)[:every.shape[1]]:
+        own = every[:, on.index(True)]
+        nodes = nodes_over(own, own, most, fewest=2)
+        if nodes is None:
+            return
+        columns.append(columns_from(seen, JOINT, on, [spline_basis(nodes, part) for part in x]))
+        kernels.append([matern(nodes, length) for length in LENGTHS])
+    if len(columns) > 1:
+        yield Made(f"a function of {name} acting on each joint, each another one",
+                   np.concatenate(columns, axis=1),
+                   [np.asarray(block_diag(*some)) for some in zip(*kernels, strict=True)], True)
 
 
 def over_volume(seen: Visible) -> Iterator[Made]:

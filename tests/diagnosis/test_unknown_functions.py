@@ -94,3 +94,26 @@ def test_a_kink_within_a_stroke_is_no_gain() -> None:
 
     place, = found(kinked).places
     assert not place.named and "leg2" in place.label
+
+
+def test_steps_in_two_legs_are_no_waves_of_all() -> None:
+    def stepped(data: Dataset, sigma: Array) -> Dataset:
+        q = data.q.copy()
+        for leg in (0, 2):
+            along = (q[:, leg] - q[:, leg].mean()) / q[:, leg].std()
+            q[:, leg] += 10.0 * sigma * np.tanh(4.0 * (along - 0.3))
+        return replace(data, q=q)
+
+    places = found(stepped).places
+    assert places and not any(p.named for p in places)
+
+
+def test_heat_that_moves_each_leg_by_another_course_is_one_cause() -> None:
+    warmth = 4.0 * np.sin(np.linspace(0.0, 5.0, 100))
+
+    def warmed(data: Dataset, sigma: Array) -> Dataset:
+        return replace(data, q=data.q - 0.8 * sigma[:, None] * warmth[:, None]**2 * [1.0, 2.0, 3.0])
+
+    place, = found(warmed, temperature=warmth).places
+    assert place.label == "a function of temperature acting on each joint, each another one"
+    assert not place.named
