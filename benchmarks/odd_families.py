@@ -288,6 +288,60 @@ def warm_scale(c: Campaign) -> None:
     c.seen[:, 1] += 0.02 * c.away(1) * (c.warmth - 20.0) ** 2
 
 
+def ratchet(c: Campaign) -> None:
+    """A coupling gives a little each time a leg turns back, and keeps it."""
+    back = np.diff(np.sign(c.way(1)), prepend=0.0) != 0.0
+    c.joints[:, 1] += 0.006 * np.cumsum(back)
+
+
+def move_before_last(c: Campaign) -> None:
+    """A leg stands by the direction of the move before the last."""
+    c.joints[1:, 0] += 0.08 * np.sign(c.way(0)[:-1])
+
+
+def sun(c: Campaign) -> None:
+    """The sun shines on the tripod for a while."""
+    when = np.linspace(0.0, 1.0, len(c.seen))
+    c.seen[:, 0] += 0.15 * np.exp(-0.5 * ((when - 0.6) / 0.08) ** 2)
+
+
+def twist(c: Campaign) -> None:
+    """A plate is wrung by two legs: a third is off by the square of their difference."""
+    c.joints[:, 2] += 0.08 * (c.along(0) - c.along(1)) ** 2
+
+
+def pressed_middle(c: Campaign) -> None:
+    """An instrument reads x short in the middle of its range, and long at its ends."""
+    c.seen[:, 0] += 0.2 * (c.away(0) - np.tanh(3.0 * c.away(0)))
+
+
+def warming_up(c: Campaign) -> None:
+    """All legs come to rest within some twenty rows, one way or the other."""
+    for joint in range(c.joints.shape[1]):
+        c.joints[:, joint] += 0.1 * (-1.0) ** joint * np.exp(-np.arange(len(c.joints)) / 10.0)
+
+
+def bent_nut(c: Campaign) -> None:
+    """A screw runs out by as much as another leg is out."""
+    c.joints[:, 2] += 0.06 * c.along(0) * np.sin(2.0 * np.pi * c.joints[:, 2] / 5.0)
+
+
+def touching_cover(c: Campaign) -> None:
+    """A cover is touched where two legs are out at once."""
+    c.joints[:, 1] -= 0.15 * np.maximum(c.along(0) + c.along(1) - 1.0, 0.0)
+
+
+def drying_glue(c: Campaign) -> None:
+    """A target gives way to the payload, the less the later."""
+    c.seen[:, 1] -= 0.02 * c.payload * np.linspace(1.0, 0.0, len(c.seen))
+
+
+def two_clocks(c: Campaign) -> None:
+    """X is read a little early, y a little late."""
+    c.seen[:, 0] += 0.002 * np.diff(c.place[:, 0], append=c.place[-1, 0])
+    c.seen[:, 1] -= 0.002 * np.diff(c.place[:, 1], prepend=c.place[0, 1])
+
+
 def noise_far(c: Campaign) -> None:
     """Far away readings scatter up to five times as much."""
     c.seen += 4.0 * SIGMA * np.abs(c.away(0))[:, None] * c.rng.standard_normal(c.seen.shape)
@@ -339,9 +393,10 @@ UNLISTED = (lens, refraction, ball_out_of_round, product, stick_slip, walk, dent
             crooked_wave, lags_by_speed, some_rows, late_heat, square_heat, square_load, creep,
             cross_talk, swelling_wave, chirp, coarse, loaded_reversal, by_way, saddle, swaying,
             bursts, floor_step, homed_often, hinge, interpolation, sharp_bend, next_move, bowl,
-            beat, slips, warm_end)
-AFTERWARDS = (late_axis, sag_by_place, unlike_heat, settling, magnet, half_a_reversal, every_other,
-              end_of_stroke, geared, warm_scale)
+            beat, slips, warm_end, late_axis, sag_by_place, unlike_heat, settling, magnet,
+            half_a_reversal, every_other, end_of_stroke, geared, warm_scale)
+AFTERWARDS = (ratchet, move_before_last, sun, twist, pressed_middle, warming_up, bent_nut,
+              touching_cover, drying_glue, two_clocks)
 """Made up when the causes of the engine stood, and run once."""
 NOISE = (noise_far, noise_late, noise_of_joints, noise_along, few_digits, noise_loaded)
 LISTED = (reversal, homed_anew)
@@ -354,6 +409,7 @@ REVERSAL = {"backlash", "play", "hysteresis"}
 RIGHT: dict[str, set[str]] = {"crooked_wave": {"periodic"}, "swelling_wave": {"periodic"},
          "reversal": REVERSAL, "loaded_reversal": REVERSAL, "homed_anew": {"zero_shift"},
          "bursts": {"target_shift", "base_shift"},
+         "bent_nut": {"periodic"},
          "homed_often": {"zero_shift"}, "slips": {"zero_shift"}, "settling": {"zero_shift"},
          "half_a_reversal": REVERSAL, "sag_by_place": {"base_compliance"},
          "lens": {"sensor_scale", "sensor_scale_axis"}}
