@@ -56,7 +56,8 @@ class UnknownCause:
     """One block of columns ``number`` to ``number + width``, and what it looks like.
 
     ``curve``, ``on``: the learned term that it would be, None where it is not a function of an
-    input. ``remedy``: what to measure to tell it from others.
+    input. ``remedy``: what to measure to tell it from others. ``low``, ``high``: between which its
+    coefficients are.
     """
 
     label: str
@@ -66,11 +67,14 @@ class UnknownCause:
     curve: LearnedCurve | None = None
     on: tuple[bool, ...] = ()
     remedy: str = ""
+    low: float = -np.inf
+    high: float = np.inf
 
     def block(self, number: int) -> Block:
         """Return it as a block whose columns begin at a number."""
         return Block(self.label, UNKNOWN_FAMILY, tuple(range(number, number + self.width)),
-                     float(np.log(float(UNKNOWN) * self.share)), roots=self.roots, form=self.label)
+                     float(np.log(float(UNKNOWN) * self.share)), roots=self.roots, low=self.low,
+                     high=self.high, form=self.label)
 
 
 class UnknownCauses:
@@ -142,7 +146,7 @@ class UnknownCauses:
         self._columns.append(made.columns)
         self.causes.append(UnknownCause(
             made.label, made.columns.shape[1], made.roots(gram, self.system.count), share,
-            made.curve, made.on, made.remedy))
+            made.curve, made.on, made.remedy, made.low, made.high))
 
     def _of_inputs(self, everywhere: Sequence[Setting]) -> Iterator[Made]:
         mechanism = self.system.problem.mechanism

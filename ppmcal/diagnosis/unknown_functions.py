@@ -43,8 +43,8 @@ class Made:
     """Columns (n, K) that may be one cause.
 
     ``kernels`` (K, K): of what its coefficients are, by length; none: each by itself, all of one
-    size. ``together``: whether it acts on several joints at once; ``curve``, ``on``, ``remedy``: as
-    of a cause.
+    size. ``together``: whether it acts on several joints at once; ``curve``, ``on``, ``remedy``,
+    ``low``, ``high``: as of a cause.
     """
 
     label: str
@@ -54,6 +54,8 @@ class Made:
     curve: LearnedCurve | None = None
     on: tuple[bool, ...] = ()
     remedy: str = ""
+    low: float = -np.inf
+    high: float = np.inf
 
     @property
     def usual(self) -> float:

@@ -13,10 +13,16 @@ import numpy as np
 from ppmcal.algebra.conversions import rotation_vector
 from ppmcal.algebra.motors import compose, reverse, translation
 from ppmcal.diagnosis.kernels import LENGTHS, beyond_mean, matern
-from ppmcal.diagnosis.term_candidates import PER_NODE, Visible, columns_from, joint_groups
+from ppmcal.diagnosis.term_candidates import (
+    PER_NODE,
+    Visible,
+    columns_from,
+    is_residual,
+    joint_groups,
+)
 from ppmcal.diagnosis.unknown_functions import Made, functions_of
 from ppmcal.linalg import Array
-from ppmcal.model.effects.learned import JOINT
+from ppmcal.model.effects.learned import INPUTS, JOINT
 from ppmcal.model.effects.learned_curve import spline_basis
 from ppmcal.model.effects.setting import PLACE
 
@@ -46,8 +52,8 @@ def of_ways(seen: Visible, nodes: int) -> Iterator[Made]:
             yield from _of_joints(seen, "from the row before", came, nodes, approach)
     goes = _at_rows(seen, [np.concatenate([way, none]) for way in joints])
     yield from _of_joints(seen, "to the next row", goes, nodes)
-    yield _part_of(seen, "from the row before", [np.concatenate([still, m]) for m in moved])
-    yield _part_of(seen, "to the next row", [np.concatenate([m, still]) for m in moved])
+    yield from _part_of(seen, "from the row before", [np.concatenate([still, -m]) for m in moved])
+    yield from _part_of(seen, "to the next row", [np.concatenate([m, still]) for m in moved])
     far = [np.linalg.norm(np.concatenate([still, m])[:, :3], axis=1) for m in moved]
     yield from functions_of(seen, "how far the platform came", _at_rows(seen, far),
                             {c: (c, ()) for c in system.problem.mechanism.coordinates}, AT_REST)
@@ -60,15 +66,18 @@ def _moved(poses: Array) -> Array:
     return np.asarray(np.nan_to_num(ways))
 
 
-def _part_of(seen: Visible, name: str, ways: Sequence[Array]) -> Made:
-    """Return what readings do that hold a part of the platform's way (N, 6), and of its turn."""
-    coordinates = seen.system.problem.mechanism.coordinates
-    turns = np.array([PLACE[c] >= 3 for c in coordinates])
-    own = np.stack([columns_from(seen, c, (), [way[:, [PLACE[c]]] for way in _at_rows(seen, ways)])
-                    for c in coordinates])
-    columns = [np.asarray(own[some].sum(axis=0)) for some in (~turns, turns) if some.any()]
-    return Made(f"readings that hold a part of the way {name}", np.concatenate(columns, axis=1),
-                remedy=AT_REST)
+def _part_of(seen: Visible, name: str, ways: Sequence[Array]) -> Iterator[Made]:
+    """Yield what readings do that hold a part of the platform's way (N, 6), each axis its own.
+
+    Of a coordinate that hardly varies but by the errors the way is that of errors.
+    """
+    here = [p.setting for p in seen.system.parts]
+    columns = [columns_from(seen, c, (), [way[:, [PLACE[c]]] for way in _at_rows(seen, ways)])
+               for c in seen.system.problem.mechanism.coordinates
+               if not is_residual(seen, INPUTS[c], here)]
+    if columns:
+        yield Made(f"readings that hold a part of the way {name}", np.concatenate(columns, axis=1),
+                   remedy=AT_REST, low=0.0, high=1.0)
 
 
 def _at_rows(seen: Visible, values: Sequence[Array]) -> list[Array]:
