@@ -133,8 +133,8 @@ def shape_of(own: Term) -> Shape:
 
 def hidden_in(seen: Visible, own: Term, true: Callable[..., Array]) -> Array:
     """Return what rows (n,) have of any function of a term's inputs, white."""
-    return columns_from(seen, own.curve.acts, own.on, lambda s: true(
-        *own.curve.seen(s))[..., None])[:, 0]
+    return columns_from(seen, own.curve.acts, own.on, [
+        true(*own.curve.seen(p.setting))[..., None] for p in seen.system.parts])[:, 0]
 
 
 def inside(seen: Visible, own: Term, true: Callable[..., Array], seed: int,

@@ -135,7 +135,7 @@ def test_next_step_agrees_with_the_findings() -> None:
         seen = replace(gap, confirmed=confirmed)
         said = findings(result.before, result.found.after, result.remainder, result.effects, seen,
                         LeftOut(0, 1, False, "", 0.0, 0.0))
-        step = advice("named", 6, seen).reason
+        step = advice("named", 6, (), seen).reason
         assert any("do not confirm" in f for f in said) == (not confirmed)
         assert ("nothing more to measure" in step) == confirmed
         assert ("do not confirm" in step) == (not confirmed)
