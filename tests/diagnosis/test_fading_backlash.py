@@ -10,7 +10,13 @@ from controllers.test_printer_import import MEANT, REAL, config, down, written
 from helpers.commands import ppmcal
 
 from ppmcal import import_config
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.commands.inputs import load, read_data
 from ppmcal.controllers.delta.files import files
+from ppmcal.diagnosis.linear_system import build
+from ppmcal.diagnosis.recorded import with_whole_rows
+from ppmcal.diagnosis.unknown_causes import UnknownCauses
 
 BACKLASH = 0.034
 QUIET = slice(80, 110)
@@ -49,3 +55,16 @@ def test_a_backlash_that_is_gone_or_turned_in_some_rows_is_no_misreading(tmp_pat
     if there < 0.0:
         said = " ".join(run.out.split())
         assert "a function of the way from the row before acting on a b c" in said
+
+
+def test_touches_hold_no_part_of_a_way_in_height(tmp_path: Path) -> None:
+    """A touch is as high as the flat: its way from the last is what errors make of it."""
+    bed(tmp_path / "b", 1.0)
+    machine = load(tmp_path / "b" / "machine.yaml")
+    problem = Problem(machine, read_data(machine, tmp_path / "b" / "bed.csv"), machine.free)
+    fit = identify(with_whole_rows(problem))
+    system = build(fit.problem, fit.state, fit.keep)
+    parts = [c for c in UnknownCauses(system, [p.setting for p in system.firsts]).causes
+             if c.label.startswith("readings that hold a part of the way")]
+    assert [c.width for c in parts] == [2, 2]
+    assert {(c.low, c.high) for c in parts} == {(0.0, 1.0)}
