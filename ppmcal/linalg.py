@@ -305,6 +305,19 @@ def column_lengths(matrix: Array) -> Array:
     return np.where(norms > 0.0, norms, 1.0)
 
 
+def block_diagonal(blocks: Sequence[Array]) -> Array:
+    """Return square blocks (k, k) along the diagonal of a matrix, zero elsewhere.
+
+    >>> block_diagonal([np.eye(1), np.ones((2, 2))]).tolist()
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 1.0], [0.0, 1.0, 1.0]]
+    """
+    ends = np.cumsum([len(b) for b in blocks])
+    out = np.zeros((ends[-1], ends[-1]))
+    for block, end in zip(blocks, ends, strict=True):
+        out[end - len(block):end, end - len(block):end] = block
+    return out
+
+
 def range_basis(matrix: Array, relative: float = 0.0, least: float = 0.0) -> Array:
     """Return an orthonormal basis (m, rank) of a matrix's columns (m, n).
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from itertools import compress
 
 import numpy as np
-from scipy.linalg import block_diag
 
+from ppmcal import linalg
 from ppmcal.diagnosis.kernels import FINER, LENGTHS, bends, matern, roots
 from ppmcal.diagnosis.term_candidates import (
     COARSE,
@@ -118,7 +118,7 @@ def _of_each(seen: Visible, name: str, x: Sequence[Array], most: int) -> Iterato
     if len(columns) > 1:
         yield Made(f"a function of {name} acting on each joint, each another one",
                    np.concatenate(columns, axis=1),
-                   [np.asarray(block_diag(*some)) for some in zip(*kernels, strict=True)], True)
+                   [linalg.block_diagonal(some) for some in zip(*kernels, strict=True)], True)
 
 
 def over_volume(seen: Visible) -> Iterator[Made]:
