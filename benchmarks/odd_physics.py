@@ -21,7 +21,8 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from odd_families import ANGLE, FAMILIES, GROUPS, RIGHT, SIGMA, Array, Campaign
+from odd_campaign import ANGLE, SIGMA, Array, Campaign
+from odd_families import FAMILIES, GROUPS, RIGHT
 from scipy.spatial.transform import Rotation
 from study_summary import interval
 
