@@ -63,18 +63,17 @@ def nothing(reason: str, joints: int) -> Proposal:
     return Proposal(reason, np.zeros((0, joints)), np.zeros((0, 6)))
 
 
-LOADS = ("payload", *WRENCH)
+MATTER = {"load": ("payload", "tension_", *WRENCH), "temperature": ("temperature",),
+          "time": ("time",)}
+"""What might matter, and how the columns begin that record it."""
 ALL_RECORDED = ("measure the same poses again in another order: what is the same again goes with "
                 "the place, what is not with time or the way")
 
 
 def record_more(datasets: Sequence[Dataset]) -> str:
     """Return what to record that might matter and is not recorded; if all is, what else to do."""
-    def lacks(names: Sequence[str]) -> bool:
-        return any(not set(names) & set(d.columns) for d in datasets)
-
-    missing = [word for word, names in (("load", LOADS), ("temperature", ("temperature",)),
-                                        ("time", ("time",))) if lacks(names)]
+    missing = [what for what, begins in MATTER.items() if any(
+        not any(c.startswith(begins) for c in d.columns) for d in datasets)]
     return (f"record more of what might matter ({', '.join(missing)})" if missing
             else ALL_RECORDED)
 

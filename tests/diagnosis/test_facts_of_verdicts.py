@@ -74,6 +74,14 @@ def test_the_next_step_of_each_verdict(verdict: str, words: str) -> None:
     assert advice(verdict, 2, ()).reason.startswith(words)
 
 
+@pytest.mark.parametrize(("columns", "missing"), [
+    ((), "(load, temperature, time)"), (("tension_leg1", "time"), "(temperature)"),
+    (("payload", "temperature"), "(time)"), (("fz", "temperature", "dir_leg1"), "(time)")])
+def test_what_is_recorded_is_not_asked_for(columns: tuple[str, ...], missing: str) -> None:
+    data: Any = SimpleNamespace(columns=dict.fromkeys(columns))
+    assert advice("unnamed", 2, (data,)).reason.endswith(missing)
+
+
 def test_what_held_out_poses_do_not_confirm_is_to_be_measured_again() -> None:
     gap: Any = SimpleNamespace(confirmed=False)
     assert "do not confirm" in advice("named", 2, (), gap).reason
