@@ -280,12 +280,10 @@ def shapes(to: Collector) -> None:
                                                  width * length), one)
                       for p in to.system.parts]
             # a kink has a slope on either side
-            beside = {} if width else {"slope": slope}
-            columns = {"height": to.columns.shifted(shifts), **beside}
-            free = (np.inf,) * len(columns)
+            own = (to.columns.shifted(shifts), *(() if width else (slope,)))
             to.hypotheses.append(Hypothesis(
-                LOCAL, (name,), True, tuple(columns), tuple(-f for f in free), free,
-                tuple(columns.values()), anonymous=True, follows=name))
+                LOCAL, (name,), True, ("height", "slope")[:len(own)], (-np.inf,) * len(own),
+                (np.inf,) * len(own), own, anonymous=True, follows=name))
     points = [p.response.seen.points[p.response.end] for p in to.system.parts]
     middle = np.concatenate(points).mean(axis=0)
     shifts = []

@@ -57,6 +57,24 @@ class Visible:
         return max(self.system.count - int(self.basis.shape[1]), 1)
 
     @cached_property
+    def residual_coordinates(self) -> frozenset[str]:
+        """Coordinates of the predicted pose that hardly vary but by the errors.
+
+        Where touches are all of one height, the predicted z is that height less the residual: a
+        function of it explains every residual, also of unseen rows, and nothing else.
+        """
+        units = np.concatenate([u.reshape(-1, 6) for u in self.by_place])
+        size = float(np.sqrt(np.mean(self.left**2)))
+        found = set()
+        for c in self.system.problem.mechanism.coordinates:
+            place = slice(0, 3) if PLACE[c] < 3 else slice(3, 6)
+            felt = float(np.sqrt(np.max(np.mean(units[:, place]**2, axis=0))))
+            values = [INPUTS[c].value(p.setting) for p in self.system.parts]
+            if float(np.ptp(np.concatenate(values))) * felt < BEYOND * size:
+                found.add(c)
+        return frozenset(found)
+
+    @cached_property
     def by_joint(self) -> list[Array]:
         """Column (N, m) of one unit of each joint coordinate, by part of the system."""
         return [_units(p.column, p.of_joints) for p in self.system.parts]
@@ -102,7 +120,7 @@ def forms(seen: Visible, everywhere: Sequence[Setting]
     for source in INPUTS.values():
         if source.name in PASSING or not _recorded(source, here, mechanism.coordinates):
             continue
-        if source.name in PLACE and is_residual(seen, source, here):
+        if source.name in seen.residual_coordinates:
             continue
         for on in groups:
             joint = mechanism.actuator_quantity[on.index(True)]
@@ -136,20 +154,6 @@ def _pairs(curve: LearnedCurve, here: Sequence[Setting], everywhere: Sequence[Se
             (curve, other), PAIRED, strict=True))
         yield replace(curve, nodes=nodes, by=name, by_nodes=by, values=np.zeros(
             nodes.size * by.size), covariance=np.zeros((nodes.size * by.size,) * 2))
-
-
-def is_residual(seen: Visible, source: LearnedInput, here: Sequence[Setting]) -> bool:
-    """Return whether a coordinate of the predicted pose hardly varies but by the errors.
-
-    Where touches are all of one height, the predicted z is that height less the residual: a
-    function of it explains every residual, also of unseen rows, and nothing else.
-    """
-    place = slice(0, 3) if PLACE[source.name] < 3 else slice(3, 6)
-    units = np.concatenate([u.reshape(-1, 6) for u in seen.by_place])[:, place]
-    felt = float(np.sqrt(np.max(np.mean(units**2, axis=0))))
-    size = float(np.sqrt(np.mean(seen.left**2)))
-    width = float(np.ptp(np.concatenate([source.value(s) for s in here])))
-    return width * felt < BEYOND * size
 
 
 def _recorded(source: LearnedInput, here: Sequence[Setting], coordinates: Sequence[str]) -> bool:

@@ -78,25 +78,31 @@ class UnknownCause:
 
 
 class UnknownCauses:
-    """All unknown causes that the rows of a system could tell, and their columns (n, T)."""
+    """All unknown causes that the rows of a system could tell, and their columns.
+
+    Attributes:
+        causes: one block each.
+        columns: of all of them (n, T), zero where nothing was observed.
+    """
 
     def __init__(self, system: System, everywhere: Sequence[Setting]) -> None:
         self.system = system
-        self._columns: list[Array] = []
-        self.causes: list[UnknownCause] = []
         inputs = [*self._of_inputs(everywhere), *over_volume(self._seen), *of_others(self._seen),
                   *functions_of_each(self._seen), *fine_functions(self._seen),
                   *self._of_places(), *of_ways(self._seen, WAVES), *self._of_loads()]
         trends = list(self._of_time())
         groups = [g for g in (inputs, trends) if g]
+        shares: list[tuple[Made, float]] = []
         for group in groups:
             weights = {alike: sum(m.usual for m in group if m.together == alike)
                        for alike in (False, True)}
             each = (1.0 - SHAPES.value) / len(groups) / sum(w > 0.0 for w in weights.values())
-            for made in group:
-                self._take(made, each * made.usual / weights[made.together])
-        for made in self._of_references():
-            self._take(made, float(FAMILY) / float(UNKNOWN))
+            shares += [(m, each * m.usual / weights[m.together]) for m in group]
+        shares += [(m, float(FAMILY) / float(UNKNOWN)) for m in self._of_references()]
+        found = [(m, cause) for m, share in shares if (cause := self._cause(m, share))]
+        self.causes = [cause for _, cause in found]
+        self.columns = MatrixColumns(np.hstack([
+            np.zeros((system.observed.size, 0)), *(m.columns for m, _ in found)]))
 
     @cached_property
     def zeros_of_joints(self) -> dict[str, Array]:
@@ -121,13 +127,6 @@ class UnknownCauses:
         """Rms, in sigmas, below which a column is a difference of equals: nothing but round-off."""
         return ROUND_OFF * max(float(np.max(np.abs(unit))) for unit in self.zeros.values())
 
-    @cached_property
-    def columns(self) -> MatrixColumns:
-        """All columns (n, T), zero where nothing was observed."""
-        every = np.hstack([np.zeros((self.system.observed.size, 0)), *self._columns])
-        self._columns.clear()       # hundreds of megabytes of large campaigns
-        return MatrixColumns(every)
-
     def blocks(self, first: int) -> Iterator[tuple[Block, UnknownCause]]:
         """Yield all blocks; ``first``: number of the first column."""
         for cause in self.causes:
@@ -139,14 +138,14 @@ class UnknownCauses:
         return Visible(self.system, Whitening(), np.zeros((self.system.observed.size, 0)),
                        self.system.residual.reshape(-1))
 
-    def _take(self, made: Made, share: float) -> None:
+    def _cause(self, made: Made, share: float) -> UnknownCause | None:
+        """Return it as a cause, None where its columns are nothing but round-off."""
         gram = made.columns.T @ made.columns
         if not np.isfinite(gram).all() or not np.trace(gram) > self.least**2 * self.system.count:
-            return
-        self._columns.append(made.columns)
-        self.causes.append(UnknownCause(
+            return None
+        return UnknownCause(
             made.label, made.columns.shape[1], made.roots(gram, self.system.count), share,
-            made.curve, made.on, made.remedy, made.low, made.high))
+            made.curve, made.on, made.remedy, made.low, made.high)
 
     def _of_inputs(self, everywhere: Sequence[Setting]) -> Iterator[Made]:
         mechanism = self.system.problem.mechanism

@@ -18,7 +18,6 @@ from ppmcal.diagnosis.term_candidates import (
     FINE,
     Visible,
     columns_from,
-    is_residual,
     joint_groups,
     nodes_over,
 )
@@ -26,7 +25,7 @@ from ppmcal.inference.priors import GOES_WITH
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import WRENCH
 from ppmcal.model.effects import Setting
-from ppmcal.model.effects.learned import INPUTS, JOINT, LearnedCurve, LearnedInput
+from ppmcal.model.effects.learned import INPUTS, JOINT, LearnedCurve
 from ppmcal.model.effects.learned_curve import spline_basis
 from ppmcal.model.effects.setting import PLACE
 
@@ -99,9 +98,8 @@ def functions_of_each(seen: Visible) -> Iterator[Made]:
     yield from _of_each(seen, "its own travel", [s.travel for s in rows], FINE)
     for name, x in (("temperature", [s.temperature for s in rows]),
                     ("the payload", [carried(s) for s in rows])):
-        if np.isfinite(np.concatenate(x)).all():
-            yield from _of_each(seen, name, [np.repeat(own[:, None], s.travel.shape[1], axis=1)
-                                             for own, s in zip(x, rows, strict=True)], COARSE)
+        yield from _of_each(seen, name, [np.repeat(own[:, None], s.travel.shape[1], axis=1)
+                                         for own, s in zip(x, rows, strict=True)], COARSE)
 
 
 def _of_each(seen: Visible, name: str, x: Sequence[Array], most: int) -> Iterator[Made]:
@@ -129,22 +127,18 @@ def over_volume(seen: Visible) -> Iterator[Made]:
     """
     here = [p.setting for p in seen.system.parts]
     coordinates = seen.system.problem.mechanism.coordinates
-    over = [INPUTS[c] for c in coordinates if not is_residual(seen, INPUTS[c], here)]
-    places = [x for x in over if PLACE[x.name] < 3]
-    powers = np.concatenate([_powers(over, here, 2), _powers(places, here, 3)], axis=1)
+    over = [INPUTS[c] for c in coordinates if c not in seen.residual_coordinates]
+    if not over:
+        return
+    values = np.concatenate([np.stack([x.value(s) for x in over], axis=1) for s in here])
+    places = np.compress([PLACE[x.name] < 3 for x in over], values, axis=1)
+    powers = np.concatenate([bends(values, 2), bends(places, 3)], axis=1)
     if not powers.size:
         return
     by_part = np.split(powers, np.cumsum([s.time.size for s in here])[:-1])
     for c in coordinates:
         yield Made(f"a distortion of {c} over the workspace", columns_from(seen, c, (), by_part),
                    remedy=GAUGE)
-
-
-def _powers(inputs: Sequence[LearnedInput], rows: Sequence[Setting], degree: int) -> Array:
-    """Return the powers (N, p) of a degree of some inputs, of the rows of all parts."""
-    values = [np.stack([x.value(s) for x in inputs], axis=1) for s in rows if inputs]
-    return bends(np.concatenate(values), degree) if values else np.zeros(
-        (sum(s.time.size for s in rows), 0))
 
 
 def of_others(seen: Visible) -> Iterator[Made]:

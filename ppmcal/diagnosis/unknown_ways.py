@@ -7,6 +7,7 @@ reading that is late or early holds a part of the way from the last row, or to t
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import compress
 
 import numpy as np
 
@@ -17,12 +18,11 @@ from ppmcal.diagnosis.term_candidates import (
     PER_NODE,
     Visible,
     columns_from,
-    is_residual,
     joint_groups,
 )
 from ppmcal.diagnosis.unknown_functions import Made, functions_of
 from ppmcal.linalg import Array
-from ppmcal.model.effects.learned import INPUTS, JOINT
+from ppmcal.model.effects.learned import JOINT
 from ppmcal.model.effects.learned_curve import spline_basis
 from ppmcal.model.effects.setting import PLACE
 
@@ -41,8 +41,10 @@ def of_ways(seen: Visible, nodes: int) -> Iterator[Made]:
     system = seen.system
     joints = [np.diff(data.q, axis=0) for data in system.problem.datasets]
     none = np.full((1, len(system.problem.mechanism.actuators)), np.nan)
-    moved = [_moved(poses[:, :8]) for poses in system.state.poses]
     still = np.zeros((1, 6))
+    moved = [(still, _moved(poses[:, :8]), still) for poses in system.state.poses]
+    onward = [np.concatenate(m[1:]) for m in moved]
+    behind = [np.concatenate(m[:2]) for m in moved]
     if not all(np.isfinite(p.setting.move).any() for p in system.parts):
         came = _at_rows(seen, [np.concatenate([none, way]) for way in joints])
         yield from _of_joints(seen, "from the row before", came, nodes)
@@ -52,9 +54,9 @@ def of_ways(seen: Visible, nodes: int) -> Iterator[Made]:
             yield from _of_joints(seen, "from the row before", came, nodes, approach)
     goes = _at_rows(seen, [np.concatenate([way, none]) for way in joints])
     yield from _of_joints(seen, "to the next row", goes, nodes)
-    yield from _part_of(seen, "from the row before", [np.concatenate([still, -m]) for m in moved])
-    yield from _part_of(seen, "to the next row", [np.concatenate([m, still]) for m in moved])
-    far = [np.linalg.norm(np.concatenate([still, m])[:, :3], axis=1) for m in moved]
+    yield from _part_of(seen, "from the row before", [-way for way in behind])
+    yield from _part_of(seen, "to the next row", onward)
+    far = [np.linalg.norm(way[:, :3], axis=1) for way in behind]
     yield from functions_of(seen, "how far the platform came", _at_rows(seen, far),
                             {c: (c, ()) for c in system.problem.mechanism.coordinates}, AT_REST)
 
@@ -71,10 +73,9 @@ def _part_of(seen: Visible, name: str, ways: Sequence[Array]) -> Iterator[Made]:
 
     Of a coordinate that hardly varies but by the errors the way is that of errors.
     """
-    here = [p.setting for p in seen.system.parts]
     columns = [columns_from(seen, c, (), [way[:, [PLACE[c]]] for way in _at_rows(seen, ways)])
                for c in seen.system.problem.mechanism.coordinates
-               if not is_residual(seen, INPUTS[c], here)]
+               if c not in seen.residual_coordinates]
     if columns:
         yield Made(f"readings that hold a part of the way {name}", np.concatenate(columns, axis=1),
                    remedy=AT_REST, low=0.0, high=1.0)
@@ -107,7 +108,7 @@ def _of_joints(seen: Visible, name: str, ways: Sequence[Array], count: int,
         weights = [spline_basis(nodes, np.nan_to_num(x)) * np.isfinite(x)[..., None] for x in along]
         if sides:
             weights = [w * side[..., None] for w, side in zip(weights, sides, strict=True)]
-        acted = " ".join(a for a, there in zip(mechanism.actuators, on, strict=True) if there)
+        acted = " ".join(compress(mechanism.actuators, on))
         yield Made(f"a function of the way {name}{' by direction' if sides else ''} acting on "
                    f"{acted}", columns_from(seen, JOINT, on, weights), kernels, sum(on) > 1,
                    remedy=BOTH_WAYS)
