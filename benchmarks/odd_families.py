@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from odd_afterwards import AFTERWARDS, AFTERWARDS_RIGHT
 from odd_campaign import SIGMA, Campaign
 
 
@@ -352,10 +353,9 @@ UNLISTED = (lens, refraction, ball_out_of_round, product, stick_slip, walk, dent
             cross_talk, swelling_wave, chirp, coarse, loaded_reversal, by_way, saddle, swaying,
             bursts, floor_step, homed_often, hinge, interpolation, sharp_bend, next_move, bowl,
             beat, slips, warm_end, late_axis, sag_by_place, unlike_heat, settling, magnet,
-            half_a_reversal, every_other, end_of_stroke, geared, warm_scale)
-AFTERWARDS = (ratchet, move_before_last, sun, twist, pressed_middle, warming_up, bent_nut,
-              touching_cover, drying_glue, two_clocks)
-"""Made up when the causes of the engine stood, and run once."""
+            half_a_reversal, every_other, end_of_stroke, geared, warm_scale,
+            ratchet, move_before_last, sun, twist, pressed_middle, warming_up, bent_nut,
+            touching_cover, drying_glue, two_clocks)
 NOISE = (noise_far, noise_late, noise_of_joints, noise_along, few_digits, noise_loaded)
 LISTED = (reversal, homed_anew)
 FAMILIES: dict[str, Callable[[Campaign], None]] = {
@@ -370,5 +370,6 @@ RIGHT: dict[str, set[str]] = {"crooked_wave": {"periodic"}, "swelling_wave": {"p
          "bent_nut": {"periodic"},
          "homed_often": {"zero_shift"}, "slips": {"zero_shift"}, "settling": {"zero_shift"},
          "half_a_reversal": REVERSAL, "sag_by_place": {"base_compliance"},
-         "lens": {"sensor_scale", "sensor_scale_axis"}}
+         "lens": {"sensor_scale", "sensor_scale_axis"},
+         **AFTERWARDS_RIGHT}
 """Kinds that are part of what was done."""

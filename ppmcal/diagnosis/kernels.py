@@ -33,6 +33,16 @@ def whole_kernels(curve: LearnedCurve) -> list[Array]:
     return [np.asarray(np.kron(matern(curve.nodes, length), second)) for length in LENGTHS]
 
 
+def product_kernels(nodes: Array, by: Array, x: Array, y: Array) -> list[Array]:
+    """Return kernels (K, K), by length, of functions of two inputs less what each does alone.
+
+    ``nodes``, ``by``: of the first and the second; ``x``, ``y``: values that they have.
+    """
+    second, = beyond_mean([matern(by, SECOND)], by, y)
+    return [np.asarray(np.kron(first, second)) for first in beyond_mean(
+        [matern(nodes, length) for length in LENGTHS], nodes, x)]
+
+
 def bends(x: Array, degree: int) -> Array:
     """Return the powers (N, p) of a degree of places (N, c), of one sigma each, that vary.
 

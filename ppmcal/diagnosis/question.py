@@ -14,7 +14,6 @@ from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.library_columns import Products
 from ppmcal.diagnosis.linear_system import System
 from ppmcal.diagnosis.unknown_causes import (
-    ALL_ZEROS,
     MOST_PLACES,
     UNKNOWN_FAMILY,
     UnknownCause,
@@ -94,8 +93,7 @@ def question(system: System, library: Library, unknown: UnknownCauses,
     """
     observed = system.observed
     first = library.count + unknown.columns.count
-    each = {way: unit for way, unit in unknown.zeros.items() if way != ALL_ZEROS}
-    of_places, caught = places(system, each, first + observed.size)
+    of_places, caught = places(system, unknown.zeros_of_joints, first + observed.size)
     columns = JoinedColumns((LibrarySource(library.products, observed), unknown.columns,
                              UnitColumns(observed.size), MatrixColumns(caught)))
     every: list[tuple[Block, Source]] = [*blocks(library, unknown.least),
@@ -294,6 +292,7 @@ def _block(h: Hypothesis, family: str, log_prior: float, least: float) -> Block:
                  low=low, high=high, group=_group(h, family),
                  starts=tuple(of for _, of in h.starts), least=least,
                  where="" if h.anonymous or h.misread else " ".join(h.on),
+                 subject=" ".join(h.on) if h.anonymous else "",
                  # what leans is in proportion to one size, not to several that differ
                  gives=gives, needs=needs, ratio=h.ratio,
                  reads=_inputs(h), way=f"{h.misread} {h.follows}".rstrip())

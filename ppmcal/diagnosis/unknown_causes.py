@@ -14,67 +14,55 @@ from functools import cached_property
 import numpy as np
 
 from ppmcal.diagnosis.grids import start_values
-from ppmcal.diagnosis.kernels import LENGTHS, SECOND, beyond_mean, courses, matern
+from ppmcal.diagnosis.kernels import LENGTHS, beyond_mean, matern, product_kernels
 from ppmcal.diagnosis.linear_system import System, Whitening
 from ppmcal.diagnosis.term_candidates import Visible, columns_of, forms
+from ppmcal.diagnosis.unknown_courses import WAVES, courses_of
 from ppmcal.diagnosis.unknown_functions import (
     ALONE,
     LOADED,
+    Look,
     Made,
     fine_functions,
     functions_of_each,
     of_others,
+    over_travels,
     over_volume,
 )
+from ppmcal.diagnosis.unknown_memories import of_memories
+from ppmcal.diagnosis.unknown_pairs import of_pairs
 from ppmcal.diagnosis.unknown_ways import of_ways
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns
-from ppmcal.inference.priors import FAMILY, SHAPES, UNKNOWN
+from ppmcal.inference.priors import FAMILY, GOES_WITH, SHAPES, UNKNOWN
 from ppmcal.linalg import Array, Bools, Ints
-from ppmcal.model.effects import Setting, Shift, effect_kinds
+from ppmcal.model.effects import Setting, effect_kinds
 from ppmcal.model.effects.learned import JOINT, LearnedCurve
-from ppmcal.model.effects.setting import PLACE
-from ppmcal.model.motions import Motion
 
 UNKNOWN_FAMILY = "unknown"
 """The family of what no kind of the library does."""
-ALL_ZEROS = "all zeros"
 PULLS = "what limbs pull against each other, another at each pose"
-WAVES = 24
-"""Half waves of a course in time; of a body, in all coordinates at once, half as many."""
 MOST_PLACES = 400
 """Poses that may have a column each: so many take a third of the time of the rest."""
 MOST_SCATTERED = 800
 """The same of rows: without it a joint's scatter is a long row of other causes."""
 ROUND_OFF = 1e-11
 AGAIN = "go to one pose again and again from the same side, and read {} each time"
-COURSE = "measure one pose again and again, from the beginning of a campaign to its end"
 
 
 @dataclass(frozen=True, eq=False)
-class UnknownCause:
-    """One block of columns ``number`` to ``number + width``, and what it looks like.
+class UnknownCause(Look):
+    """One block of columns ``number`` to ``number + width``, and what it looks like."""
 
-    ``curve``, ``on``: the learned term that it would be, None where it is not a function of an
-    input. ``remedy``: what to measure to tell it from others. ``low``, ``high``: between which its
-    coefficients are.
-    """
-
-    label: str
     width: int
     roots: tuple[Array, ...]
     share: float
-    curve: LearnedCurve | None = None
-    on: tuple[bool, ...] = ()
-    remedy: str = ""
-    low: float = -np.inf
-    high: float = np.inf
 
     def block(self, number: int) -> Block:
         """Return it as a block whose columns begin at a number."""
         return Block(self.label, UNKNOWN_FAMILY, tuple(range(number, number + self.width)),
                      float(np.log(float(UNKNOWN) * self.share)), roots=self.roots, low=self.low,
-                     high=self.high, form=self.label)
+                     high=self.high, form=self.label, subject=self.subject)
 
 
 class UnknownCauses:
@@ -89,8 +77,9 @@ class UnknownCauses:
         self.system = system
         inputs = [*self._of_inputs(everywhere), *over_volume(self._seen), *of_others(self._seen),
                   *functions_of_each(self._seen), *fine_functions(self._seen),
+                  *over_travels(self._seen), *of_pairs(self._seen), *of_memories(self._seen),
                   *self._of_places(), *of_ways(self._seen, WAVES), *self._of_loads()]
-        trends = list(self._of_time())
+        trends = list(courses_of(system, self.zeros_of_joints, self.least))
         groups = [g for g in (inputs, trends) if g]
         shares: list[tuple[Made, float]] = []
         for group in groups:
@@ -110,14 +99,6 @@ class UnknownCauses:
         names = self.system.problem.mechanism.actuators
         return {name: self._zero(np.arange(len(names)) == a) for a, name in enumerate(names)}
 
-    @cached_property
-    def zeros(self) -> dict[str, Array]:
-        """The same in words, and what all of them do alike."""
-        out = {f"the zero of {name}": unit for name, unit in self.zeros_of_joints.items()}
-        if len(set(self.system.problem.mechanism.actuator_quantity)) == 1:
-            out[ALL_ZEROS] = self._zero(np.ones(len(out), dtype=bool))
-        return out
-
     def _zero(self, on: Bools) -> Array:
         return self.system.column([p.setting.at_joints(np.ones_like(p.setting.travel), on)
                                    for p in self.system.parts]) * self.system.observed
@@ -125,7 +106,7 @@ class UnknownCauses:
     @cached_property
     def least(self) -> float:
         """Rms, in sigmas, below which a column is a difference of equals: nothing but round-off."""
-        return ROUND_OFF * max(float(np.max(np.abs(unit))) for unit in self.zeros.values())
+        return ROUND_OFF * max(float(np.max(np.abs(u))) for u in self.zeros_of_joints.values())
 
     def blocks(self, first: int) -> Iterator[tuple[Block, UnknownCause]]:
         """Yield all blocks; ``first``: number of the first column."""
@@ -143,9 +124,8 @@ class UnknownCauses:
         gram = made.columns.T @ made.columns
         if not np.isfinite(gram).all() or not np.trace(gram) > self.least**2 * self.system.count:
             return None
-        return UnknownCause(
-            made.label, made.columns.shape[1], made.roots(gram, self.system.count), share,
-            made.curve, made.on, made.remedy, made.low, made.high)
+        return UnknownCause(width=made.columns.shape[1], share=share, **made.look,
+                            roots=made.roots(gram, self.system.count))
 
     def _of_inputs(self, everywhere: Sequence[Setting]) -> Iterator[Made]:
         mechanism = self.system.problem.mechanism
@@ -157,8 +137,9 @@ class UnknownCauses:
             label = (f"a function of {' and '.join(curve.inputs)}"
                      f"{' by direction' if curve.signed else ''} acting on {where}")
             alone = curve.inputs == ("travel",) and not together
-            yield Made(label, columns_of(self._seen, curve, on), kernels, together, curve, on,
-                       ALONE.format(where, "it") if alone else "")
+            yield Made(label, columns_of(self._seen, curve, on), kernels, together, curve=curve,
+                       on=on, subject=where, remedy=ALONE.format(where, "it") if alone else "",
+                       usual=float(GOES_WITH) if curve.by or curve.signed else 1.0)
 
     def _kernels(self, curve: LearnedCurve, on: Sequence[bool]) -> list[Array]:
         """Return the kernels of a curve's values, by length.
@@ -173,11 +154,9 @@ class UnknownCauses:
         inputs = [[x if x.ndim == 1 else x[:, acted].ravel() for x in curve.seen(p.setting)]
                   for p in self.system.firsts]
         own = [np.concatenate(x) for x in zip(*inputs, strict=True)]
-        rest = beyond_mean(whole, curve.nodes, own[0])
         if not curve.by:
-            return rest
-        second, = beyond_mean([matern(curve.by_nodes, SECOND)], curve.by_nodes, own[1])
-        return [np.asarray(np.kron(first, second)) for first in rest]
+            return beyond_mean(whole, curve.nodes, own[0])
+        return product_kernels(curve.nodes, curve.by_nodes, own[0], own[1])
 
     def _of_places(self) -> Iterator[Made]:
         """Yield what a joint does at each pose by itself, the same at each visit, or in each row.
@@ -194,15 +173,16 @@ class UnknownCauses:
             each = self._at_each(place)
             for name, own in each.items():
                 yield Made(f"a function of travel too fine to be seen acting on {name}", own,
-                           remedy=ALONE.format(name, "it"))
+                           subject=name, remedy=ALONE.format(name, "it"))
             few = 2 * poses.size <= MOST_PLACES     # of all joints at once half as many
-            if few and self.system.problem.mechanism.surplus and ALL_ZEROS in self.zeros:
+            mechanism = self.system.problem.mechanism
+            if few and mechanism.surplus and len(set(mechanism.actuator_quantity)) == 1:
                 every = np.concatenate(list(each.values()), axis=1)
                 yield Made(PULLS, every, together=True)
         if 1 < rows <= MOST_SCATTERED and self.system.count >= 2 * rows:
             for name, own in self._at_each(np.arange(rows)).items():
                 yield Made(f"something that differs from row to row acting on {name}", own,
-                           remedy=AGAIN.format(name))
+                           subject=name, remedy=AGAIN.format(name))
 
     def _at_each(self, place: Ints) -> dict[str, Array]:
         """Return what each joint's zero does by itself at each of P places; rows are at (N,)."""
@@ -248,63 +228,3 @@ class UnknownCauses:
                        for name in terms[0].by]
             yield Made(f"an error of what the machine is measured against ({kind.label})",
                        np.stack([c.reshape(-1) for c in columns], axis=1), remedy=kind.remedy)
-
-    def _of_time(self) -> Iterator[Made]:
-        """Yield slow courses of zeros, base and target, from row to row and in recorded time."""
-        if np.unique(self._rows).size < WAVES:
-            return
-        moving = self._moving()
-        for when, place in self._places().items():
-            for way, units in moving.items():
-                wave = np.pi * np.arange(1.0, WAVES // min(len(units), 2) + 1.0)
-                waves = np.cos(place[:, None] * wave)
-                columns = np.concatenate([(u[..., None] * waves[:, None, :]).reshape(-1, wave.size)
-                                          for u in units], axis=1)
-                each = [np.asarray(np.kron(np.eye(len(units)), k)) for k in courses(wave)]
-                together = way == ALL_ZEROS or len(units) > 1
-                yield Made(f"a slow course{when} of {way}", columns, each, together,
-                           remedy=COURSE)
-
-    @cached_property
-    def _rows(self) -> Array:
-        return np.concatenate([p.response.rows.row for p in self.system.firsts]).astype(float)
-
-    def _places(self) -> dict[str, Array]:
-        """Return where each row is in the campaign (N,), 0 to 1: from row to row, and in time."""
-        order = np.argsort(np.argsort(self._rows, kind="stable"), kind="stable")
-        rank = order / max(order.size - 1.0, 1.0)
-        out = {"": rank}
-        time = np.concatenate([p.setting.time for p in self.system.firsts])
-        if np.isfinite(time).all() and np.ptp(time) > 0.0:
-            part = (time - time.min()) / np.ptp(time)
-            if np.max(np.abs(part - rank)) > 0.5 / WAVES:
-                out[" in time"] = part
-        return out
-
-    def _moving(self) -> dict[str, list[Array]]:
-        """Return what wanders: by a metre, a radian or one sigma of each coordinate (N, m)."""
-        system, motion = self.system, self.system.problem.mechanism.motion
-        moved = {body: [system.column([_moved(lever, c, len(p.response.pose))
-                                       for p in system.parts]) * system.observed
-                        for c in _free(motion)]
-                 for body, lever in (("base", "frame"), ("target", "target"))}
-        out = {f"the base's {c}": [unit] for c, unit in zip(_free(motion), moved["base"],
-                                                            strict=True)}
-        out |= {way: [unit] for way, unit in self.zeros.items()}
-        for body, every in moved.items():
-            rms = [float(np.sqrt(np.sum(u**2) / system.count)) for u in every]
-            own = [np.asarray(u / r) for u, r in zip(every, rms, strict=True) if r > self.least]
-            if own:
-                out[f"the {body}"] = own
-        return out
-
-
-def _moved(body: str, coordinate: str, rows: int) -> Shift:
-    """Return the shift of the ``frame`` or the ``target`` along one coordinate, by 1."""
-    along = np.tile(np.eye(6)[PLACE[coordinate]], (rows, 1))
-    return Shift(frame=along) if body == "frame" else Shift(target=along)
-
-
-def _free(motion: Motion) -> tuple[str, ...]:
-    """Return the coordinates in which base and target can move, whatever the machine does."""
-    return motion.frame_coordinates

@@ -6,8 +6,9 @@ As blocks of columns with the covariance of their coefficients, for :mod:`unknow
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from itertools import compress
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,6 @@ from ppmcal.diagnosis.term_candidates import (
     joint_groups,
     nodes_over,
 )
-from ppmcal.inference.priors import GOES_WITH
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import WRENCH
 from ppmcal.model.effects import Setting
@@ -31,6 +31,8 @@ from ppmcal.model.effects.setting import PLACE
 
 GAUGE = ("measure a gauge of known length at several places of the workspace: it tells an error of "
          "the instrument from one of the machine")
+EACH = "each joint"
+"""What causes act on that all joints have, each by another amount or course."""
 FINEST = 128
 """Nodes over the travel of a joint of a function that is finer than a learned one."""
 LOADED = "at one pose, indicate it while the load is put on and taken off"
@@ -38,29 +40,42 @@ ALONE = "move {} alone in fine steps, and indicate {}"
 
 
 @dataclass(frozen=True, eq=False)
-class Made:
-    """Columns (n, K) that may be one cause.
+class Look:
+    """What an unknown cause looks like.
 
-    ``kernels`` (K, K): of what its coefficients are, by length; none: each by itself, all of one
-    size. ``together``: whether it acts on several joints at once; ``curve``, ``on``, ``remedy``,
-    ``low``, ``high``: as of a cause.
+    ``curve``, ``on``: the learned term that it would be, None where it is not a function of an
+    input. ``subject``: what it acts on, on which another look of one thing is more usual.
+    ``remedy``: what to measure to tell it from others. ``low``, ``high``: between which its
+    coefficients are.
     """
 
     label: str
+    curve: LearnedCurve | None = field(default=None, kw_only=True)
+    on: tuple[bool, ...] = field(default=(), kw_only=True)
+    subject: str = field(default="", kw_only=True)
+    remedy: str = field(default="", kw_only=True)
+    low: float = field(default=-np.inf, kw_only=True)
+    high: float = field(default=np.inf, kw_only=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Made(Look):
+    """Columns (n, K) that may be one cause.
+
+    ``kernels`` (K, K): of what its coefficients are, by length; none: each by itself, all of one
+    size. ``together``: whether it acts on several joints at once. ``usual``: how usual it is beside
+    one that goes with no direction and no second input.
+    """
+
     columns: Array
     kernels: Sequence[Array] = ()
     together: bool = False
-    curve: LearnedCurve | None = None
-    on: tuple[bool, ...] = ()
-    remedy: str = ""
-    low: float = -np.inf
-    high: float = np.inf
+    usual: float = field(default=1.0, kw_only=True)
 
     @property
-    def usual(self) -> float:
-        """How usual it is beside one that goes with no direction and no second input."""
-        goes_with = self.curve is not None and (self.curve.by or self.curve.signed)
-        return float(GOES_WITH) if goes_with else 1.0
+    def look(self) -> dict[str, Any]:
+        """What it looks like, without its columns."""
+        return {f.name: getattr(self, f.name) for f in fields(Look)}
 
     def roots(self, gram: Array, count: int) -> tuple[Array, ...]:
         """Return the roots of its kernels: see :func:`ppmcal.diagnosis.kernels.roots`."""
@@ -84,7 +99,7 @@ def fine_functions(seen: Visible) -> Iterator[Made]:
         acted = " ".join(compress(mechanism.actuators, on))
         yield Made(f"a fine function of travel acting on {acted}", columns_from(
             seen, JOINT, on, [spline_basis(nodes, x) for x in travel]),
-            [matern(nodes, length) for length in FINER], sum(on) > 1,
+            [matern(nodes, length) for length in FINER], sum(on) > 1, subject=acted,
             remedy="" if sum(on) > 1 else ALONE.format(acted, "it"))
 
 
@@ -116,7 +131,8 @@ def _of_each(seen: Visible, name: str, x: Sequence[Array], most: int) -> Iterato
     if len(columns) > 1:
         yield Made(f"a function of {name} acting on each joint, each another one",
                    np.concatenate(columns, axis=1),
-                   [linalg.block_diagonal(some) for some in zip(*kernels, strict=True)], True)
+                   [linalg.block_diagonal(some) for some in zip(*kernels, strict=True)], True,
+                   subject=EACH)
 
 
 def over_volume(seen: Visible) -> Iterator[Made]:
@@ -138,7 +154,23 @@ def over_volume(seen: Visible) -> Iterator[Made]:
     by_part = np.split(powers, np.cumsum([s.time.size for s in here])[:-1])
     for c in coordinates:
         yield Made(f"a distortion of {c} over the workspace", columns_from(seen, c, (), by_part),
-                   remedy=GAUGE)
+                   subject=c, remedy=GAUGE)
+
+
+def over_travels(seen: Visible) -> Iterator[Made]:
+    """Yield errors of each joint that bend smoothly with the travels of all of them at once.
+
+    Second and third powers; what is linear in them is told by each travel.
+    """
+    rows = [p.setting for p in seen.system.parts]
+    travel = np.concatenate([s.travel for s in rows])
+    powers = np.concatenate([bends(travel, degree) for degree in (2, 3)], axis=1)
+    by_part = np.split(powers, np.cumsum([s.time.size for s in rows])[:-1])
+    names = seen.system.problem.mechanism.actuators
+    for name, on in zip(names, np.eye(len(names), dtype=bool), strict=True):
+        yield Made(f"a function of all joints' travels acting on {name}",
+                   columns_from(seen, JOINT, on.tolist(), by_part), subject=name,
+                   remedy=ALONE.format("each joint", name))
 
 
 def of_others(seen: Visible) -> Iterator[Made]:
@@ -177,7 +209,7 @@ def functions_of(seen: Visible, name: str, x: Sequence[Array],
     weights = [spline_basis(nodes, own) for own in x]
     for where, (acts, on) in acted.items():
         yield Made(f"a function of {name} acting on {where}", columns_from(seen, acts, on, weights),
-                   kernels, acts == JOINT and sum(on) > 1, remedy=remedy)
+                   kernels, acts == JOINT and sum(on) > 1, subject=where, remedy=remedy)
 
 
 def carried(rows: Setting) -> Array:

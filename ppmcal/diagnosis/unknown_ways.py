@@ -41,24 +41,33 @@ def of_ways(seen: Visible, nodes: int) -> Iterator[Made]:
     system = seen.system
     joints = [np.diff(data.q, axis=0) for data in system.problem.datasets]
     none = np.full((1, len(system.problem.mechanism.actuators)), np.nan)
-    still = np.zeros((1, 6))
-    moved = [(still, _moved(poses[:, :8]), still) for poses in system.state.poses]
-    onward = [np.concatenate(m[1:]) for m in moved]
-    behind = [np.concatenate(m[:2]) for m in moved]
     if not all(np.isfinite(p.setting.move).any() for p in system.parts):
-        came = _at_rows(seen, [np.concatenate([none, way]) for way in joints])
+        came = at_rows(seen, [np.concatenate([none, way]) for way in joints])
         yield from _of_joints(seen, "from the row before", came, nodes)
         approach = [p.setting.approach for p in system.parts]
         sides = np.concatenate(approach)
         if np.isfinite(sides).all() and np.ptp(sides) > 0.0:
             yield from _of_joints(seen, "from the row before", came, nodes, approach)
-    goes = _at_rows(seen, [np.concatenate([way, none]) for way in joints])
+    earlier = [np.concatenate([none, none, way])[:-1] for way in joints]
+    yield from _of_joints(seen, "of the move before the last", at_rows(seen, earlier), nodes)
+    goes = at_rows(seen, [np.concatenate([way, none]) for way in joints])
     yield from _of_joints(seen, "to the next row", goes, nodes)
+    yield from _of_platform(seen)
+
+
+def _of_platform(seen: Visible) -> Iterator[Made]:
+    """Yield what follows the platform's way: readings early or late, by its side, by how far."""
+    coordinates, still = seen.system.problem.mechanism.coordinates, np.zeros((1, 6))
+    moved = [(still, _moved(poses[:, :8]), still) for poses in seen.system.state.poses]
+    behind = [np.concatenate(m[:2]) for m in moved]
     yield from _part_of(seen, "from the row before", [-way for way in behind])
-    yield from _part_of(seen, "to the next row", onward)
+    yield from _part_of(seen, "to the next row", [np.concatenate(m[1:]) for m in moved])
+    acted = {c: (c, ()) for c in coordinates}
+    for along in (c for c in coordinates if c not in seen.residual_coordinates):
+        way = at_rows(seen, [b[:, PLACE[along]] for b in behind])
+        yield from functions_of(seen, f"the platform's last move in {along}", way, acted, BOTH_WAYS)
     far = [np.linalg.norm(way[:, :3], axis=1) for way in behind]
-    yield from functions_of(seen, "how far the platform came", _at_rows(seen, far),
-                            {c: (c, ()) for c in system.problem.mechanism.coordinates}, AT_REST)
+    yield from functions_of(seen, "how far the platform came", at_rows(seen, far), acted, AT_REST)
 
 
 def _moved(poses: Array) -> Array:
@@ -73,7 +82,7 @@ def _part_of(seen: Visible, name: str, ways: Sequence[Array]) -> Iterator[Made]:
 
     Of a coordinate that hardly varies but by the errors the way is that of errors.
     """
-    columns = [columns_from(seen, c, (), [way[:, [PLACE[c]]] for way in _at_rows(seen, ways)])
+    columns = [columns_from(seen, c, (), [way[:, [PLACE[c]]] for way in at_rows(seen, ways)])
                for c in seen.system.problem.mechanism.coordinates
                if c not in seen.residual_coordinates]
     if columns:
@@ -81,7 +90,7 @@ def _part_of(seen: Visible, name: str, ways: Sequence[Array]) -> Iterator[Made]:
                    remedy=AT_REST, low=0.0, high=1.0)
 
 
-def _at_rows(seen: Visible, values: Sequence[Array]) -> list[Array]:
+def at_rows(seen: Visible, values: Sequence[Array]) -> list[Array]:
     """Return values that each data set has by row, of the rows of each part of the system."""
     return [values[p.dataset][seen.system.row[p.at]] for p in seen.system.parts]
 
@@ -111,4 +120,4 @@ def _of_joints(seen: Visible, name: str, ways: Sequence[Array], count: int,
         acted = " ".join(compress(mechanism.actuators, on))
         yield Made(f"a function of the way {name}{' by direction' if sides else ''} acting on "
                    f"{acted}", columns_from(seen, JOINT, on, weights), kernels, sum(on) > 1,
-                   remedy=BOTH_WAYS)
+                   subject=acted, remedy=BOTH_WAYS)

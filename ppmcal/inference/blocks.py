@@ -31,6 +31,8 @@ class Block:
             may be anything.
         group: what one thing does share it, events of one kind at one place, errors of one sort in
             several limbs: one more of them costs less than another cause; empty: it is by itself.
+        subject: what one thing that nobody listed acts on: another look of it costs less than
+            another cause; empty: it is by itself.
         form: what it looks like, where a family has several that differ much; empty: one.
         starts: of its last columns, one each, the number of the column whose coefficient, times
             a standard normal, theirs is: what a memory was before the first row.
@@ -51,6 +53,7 @@ class Block:
     low: float | tuple[float, ...] = -np.inf
     high: float | tuple[float, ...] = np.inf
     group: str = ""
+    subject: str = ""
     form: str = ""
     starts: tuple[int, ...] = ()
     least: float = 0.0

@@ -137,6 +137,17 @@ class Question:
                 for group, own in self.groups.items()}
 
     @cached_property
+    def _looks(self) -> dict[str, tuple[list[int], float]]:
+        """The blocks of each subject, and what the log prior of each gains beside another."""
+        own: dict[str, list[int]] = defaultdict(list)
+        for i, block in enumerate(self.blocks):
+            if block.subject:
+                own[block.subject].append(i)
+        further = float(np.log(float(FURTHER)))
+        return {subject: (every, further - float(linalg.logsumexp(self._each[every])))
+                for subject, every in own.items()}
+
+    @cached_property
     def _places(self) -> dict[str, int]:
         """How many groups each family has."""
         found: dict[str, set[str]] = defaultdict(set)
@@ -149,6 +160,8 @@ class Question:
         """Return the log prior of block i beside others: of a group, one more costs less."""
         block = self.blocks[i]
         alone = block.log_prior + more_often * (block.family not in self.alone)
+        if block.subject and any(self.blocks[j].subject == block.subject for j in there):
+            alone = max(alone, block.log_prior + self._looks[block.subject][1])
         like = [j for j in there if self.blocks[j].group and (
             self.blocks[j].family == block.family or self.blocks[j].group == block.group)]
         if not block.group or not like:
@@ -188,13 +201,17 @@ class Question:
         out, base = self._each.copy(), self.log_prior(chosen)
         families = {self.blocks[i].family for i in chosen if self.blocks[i].group}
         groups = {self.blocks[i].group for i in chosen} - {""}
+        for subject in {self.blocks[i].subject for i in chosen} - {""}:
+            own, gain = self._looks[subject]
+            out[own] = np.maximum(out[own], self._each[own] + gain)
         for group, own in self.groups.items():
             if group in groups or self.blocks[own[0]].family in families:
-                alike = dict[tuple[str, float], list[int]]()
+                alike = dict[tuple[str, str, float], list[int]]()
                 for i in own:
                     if i not in chosen:
                         block = self.blocks[i]
-                        alike.setdefault((block.family, block.log_prior), []).append(i)
+                        alike.setdefault((block.family, block.subject, block.log_prior),
+                                         []).append(i)
                 for some in alike.values():
                     out[some] = self.log_prior((*chosen, some[0])) - base
         return out

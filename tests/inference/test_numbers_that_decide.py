@@ -27,7 +27,7 @@ OTHERS = {
         "refit.MOST_STEPS",
         "refit.NEAR", "residual_profiles.MOST_ROWS", "residual_series.MOST_SERIES",
         "thinning.LEAST", "thinning.MOST_STRATA", "thinning.MOST_VALUES", "thinning.SAME_LOAD",
-        "unknown_causes.MOST_PLACES", "unknown_causes.MOST_SCATTERED", "unknown_causes.WAVES",
+        "unknown_causes.MOST_PLACES", "unknown_causes.MOST_SCATTERED", "unknown_courses.WAVES",
         "block_sets.ROUNDS", "blocks.CHUNK",
         "columns.KEPT", "correlation.BLOCK", "evidence.WIDE", "gross_rows.SWEEPS", "joint.SWEEPS",
         "one_sided.HUBER",
