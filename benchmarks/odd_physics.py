@@ -193,7 +193,7 @@ def main() -> None:
     print("| | campaigns | said to be there | named | a wrong name | s |")
     print("|---|---|---|---|---|---|")
     for group, families in GROUPS.items():
-        own = {do.__name__: lines[do.__name__] for do in families if do.__name__ in lines}
+        own = {name: lines[name] for name in families if name in lines}
         if own:
             print(row(f"**{group}**", own, whole=True))
             for family in own if len(own) > 1 else ():
