@@ -67,7 +67,8 @@ def of_pairs(seen: Visible) -> Iterator[Made]:
     for second in conditions:
         if second.name != "temperature":        # which a learned term has
             yield from _of_two(seen, travel, second, groups)
-        yield from _over_places(seen, second, list(coordinates))
+        if coordinates:
+            yield from _over_places(seen, second, list(coordinates))
 
 
 def _varies(recorded: Recorded) -> bool:
