@@ -20,10 +20,6 @@ def nothing(_: Campaign) -> None:
 
 LISTED = ("reversal", "homed_anew")
 """What the library has."""
-AFTERWARDS = ("heat_and_turn", "tilting_floor", "shaking", "slackening", "side_under_load",
-              "crooked_corner", "staircase", "wave_under_load", "hot_only",
-              "three_ago", "three_at_once", "running_late")
-"""Made up when the causes of the engine stood, and run once."""
 
 
 def families_of(module: ModuleType) -> dict[str, Family]:
@@ -37,8 +33,7 @@ NOISE = families_of(odd_noise)
 FAMILIES: Mapping[str, Family] = {"nothing": nothing, **EVERY, **NOISE}
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "nothing": ("nothing",),
-    "what no library has": tuple(n for n in EVERY if n not in (*AFTERWARDS, *LISTED)),
-    "the same, made up afterwards": AFTERWARDS,
+    "what no library has": tuple(n for n in EVERY if n not in LISTED),
     "noise that is not as stated": tuple(NOISE), "what the library has": LISTED}
 REVERSAL = {"backlash", "play", "hysteresis"}
 RIGHT: dict[str, set[str]] = {
@@ -49,5 +44,6 @@ RIGHT: dict[str, set[str]] = {
     "homed_anew": {"zero_shift"}, "homed_often": {"zero_shift"}, "slips": {"zero_shift"},
     "settling": {"zero_shift"}, "wrong_rows_of_joint": {"zero_shift"},
     "bursts": {"target_shift", "base_shift"}, "sag_by_place": {"base_compliance"},
-    "hot_only": {"leg_thermal"}, "lens": {"sensor_scale", "sensor_scale_axis"}}
+    "staircase": {"periodic", "gain"}, "hot_only": {"leg_thermal"},
+    "lens": {"sensor_scale", "sensor_scale_axis"}}
 """Kinds that are part of what was done."""

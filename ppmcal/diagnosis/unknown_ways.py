@@ -20,6 +20,7 @@ from ppmcal.diagnosis.term_candidates import (
     columns_from,
     joint_groups,
 )
+from ppmcal.diagnosis.unknown_courses import places_in
 from ppmcal.diagnosis.unknown_functions import Made, functions_of
 from ppmcal.linalg import Array
 from ppmcal.model.effects.learned import JOINT
@@ -80,14 +81,22 @@ def _moved(poses: Array) -> Array:
 def _part_of(seen: Visible, name: str, ways: Sequence[Array]) -> Iterator[Made]:
     """Yield what readings do that hold a part of the platform's way (N, 6), each axis its own.
 
-    Of a coordinate that hardly varies but by the errors the way is that of errors.
+    Always as much, or from the beginning of the campaign to its end the more or the less. Of a
+    coordinate that hardly varies but by the errors the way is that of errors.
     """
-    columns = [columns_from(seen, c, (), [way[:, [PLACE[c]]] for way in at_rows(seen, ways)])
-               for c in seen.system.problem.mechanism.coordinates
-               if c not in seen.residual_coordinates]
-    if columns:
-        yield Made(f"readings that hold a part of the way {name}", np.concatenate(columns, axis=1),
-                   remedy=AT_REST, low=0.0, high=1.0)
+    when = list(places_in(seen.system).values())[-1]
+    late = [when[p.at, None] for p in seen.system.parts]
+    along = {c: [way[:, [PLACE[c]]] for way in at_rows(seen, ways)]
+             for c in seen.system.problem.mechanism.coordinates
+             if c not in seen.residual_coordinates}
+    if not along:
+        return
+    for more, parts in (("", along), (", another at its end", {
+            c: [way * np.hstack([1.0 - t, t]) for way, t in zip(own, late, strict=True)]
+            for c, own in along.items()})):
+        yield Made(f"readings that hold a part of the way {name}{more}", np.concatenate(
+            [columns_from(seen, c, (), own) for c, own in parts.items()], axis=1),
+            remedy=AT_REST, low=0.0, high=1.0)
 
 
 def at_rows(seen: Visible, values: Sequence[Array]) -> list[Array]:

@@ -66,5 +66,5 @@ def test_touches_hold_no_part_of_a_way_in_height(tmp_path: Path) -> None:
     system = build(fit.problem, fit.state, fit.keep)
     parts = [c for c in UnknownCauses(system, [p.setting for p in system.firsts]).causes
              if c.label.startswith("readings that hold a part of the way")]
-    assert [c.width for c in parts] == [2, 2]
+    assert [c.width for c in parts] == [2, 4, 2, 4]
     assert {(c.low, c.high) for c in parts} == {(0.0, 1.0)}

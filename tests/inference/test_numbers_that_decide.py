@@ -56,7 +56,8 @@ OTHERS = {
         "left_over_pattern.MOSTLY", "left_over_pattern.RESIDUAL", "left_over_pattern.SHOWN",
         "left_over_pattern.VISIBLE", "plot_data.MANY_OUT"},
     # lengths of kernels, of which the data tell
-    "kernels": {"kernels.FINER", "kernels.LENGTHS", "kernels.SECOND", "term_candidates.PAIRED"},
+    "kernels": {"kernels.FINER", "kernels.LENGTHS", "kernels.SECOND", "term_candidates.PAIRED",
+                "unknown_memories.FADES"},
 }
 HALF = {"explanation": 1}
 """Comparisons with 1/2, of what is likelier than not."""
