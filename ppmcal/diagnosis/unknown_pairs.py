@@ -21,21 +21,22 @@ from ppmcal.diagnosis.term_candidates import (
     nodes_over,
 )
 from ppmcal.diagnosis.unknown_courses import COURSE, places_in
-from ppmcal.diagnosis.unknown_functions import Made, carried
+from ppmcal.diagnosis.unknown_functions import LOADED, Made, carried
 from ppmcal.inference.priors import GOES_WITH
 from ppmcal.linalg import Array
 from ppmcal.model.effects.learned import INPUTS, JOINT
 from ppmcal.model.effects.learned_curve import spline_basis
 
-TRAVEL = "travel"
-
-
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """Something recorded: its values (N,), or by joint (N, k), by part of the system."""
+    """Something recorded: its values (N,), or by joint (N, k), by part of the system.
+
+    ``remedy``: what to measure where something goes with it.
+    """
 
     name: str
     values: Sequence[Array]
+    remedy: str = COURSE
 
     def basis(self, count: int, own: Array) -> tuple[Array, list[Array]] | None:
         """Return nodes over values (N,) and weights (..., K) by part; None: too few values."""
@@ -56,8 +57,8 @@ def of_pairs(seen: Visible) -> Iterator[Made]:
     conditions = [c for c in (
         Recorded("time", [when[p.at] for p in seen.system.parts]),
         Recorded("temperature", [s.temperature for s in rows]),
-        Recorded("payload", [carried(s) for s in rows])) if _varies(c)]
-    travel = Recorded(TRAVEL, [s.travel for s in rows])
+        Recorded("payload", [carried(s) for s in rows], LOADED)) if _varies(c)]
+    travel = Recorded("travel", [s.travel for s in rows])
     groups = {" ".join(compress(mechanism.actuators, on)): (JOINT, on)
               for on in joint_groups(mechanism)}
     coordinates = {c: (c, (True,) * len(mechanism.actuators)) for c in mechanism.coordinates
@@ -88,7 +89,7 @@ def _of_two(seen: Visible, first: Recorded, second: Recorded,
         yield Made(f"a function of {first.name} and {second.name} acting on {where}",
                    columns_from(seen, acts, on, weights),
                    product_kernels(one[0], two[0], x, y), acts == JOINT and sum(on) > 1,
-                   subject=where, remedy=COURSE, usual=float(GOES_WITH))
+                   subject=where, remedy=second.remedy, usual=float(GOES_WITH))
 
 
 def _products(first: Array, second: Array) -> Array:
@@ -118,5 +119,5 @@ def _over_places(seen: Visible, condition: Recorded, coordinates: Sequence[str]
         [matern(nodes, length) for length in LENGTHS], nodes, values)]
     for c in coordinates:
         yield Made(f"a function of place and {condition.name} acting on {c}",
-                   columns_from(seen, c, (), columns), kernels, subject=c, remedy=COURSE,
-                   usual=float(GOES_WITH))
+                   columns_from(seen, c, (), columns), kernels, subject=c,
+                   remedy=condition.remedy, usual=float(GOES_WITH))
