@@ -27,6 +27,7 @@ from ppmcal.linalg import Array
 from ppmcal.model.effects.learned import INPUTS, JOINT
 from ppmcal.model.effects.learned_curve import spline_basis
 
+
 @dataclass(frozen=True, eq=False)
 class Recorded:
     """Something recorded: its values (N,), or by joint (N, k), by part of the system.
