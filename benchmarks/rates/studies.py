@@ -57,7 +57,7 @@ STUDIES = (
           {"docs/diagnosis.md": ("rates", "reliability", "rates-by-case")},
           but=AFTERWARDS),
     Study("next", DIAGNOSIS, {"docs/diagnosis.md": ("next",)},
-          ("next_study.py", "--count", "20", "--minutes", "8"), but=AFTERWARDS),
+          ("next_study.py", "--count", "20", "--minutes", "20"), but=AFTERWARDS),
     Study("odd", DIAGNOSIS, {"docs/diagnosis.md": ("odd",)}, ("odd_physics.py",), "--seeds",
           AFTERWARDS),
     Study("weak", DIAGNOSIS, {"docs/campaigns.md": ("weak",)},
