@@ -92,6 +92,22 @@ def solve(matrix: Array, right: Array, what: str = "the solution of linear equat
         raise _lost(what) from None
 
 
+def solve_lower(triangle: Array, right: Array, what: str = "the solution of linear equations"
+                ) -> Array:
+    """Return x of lower triangular matrices (..., n, n) x = right (..., n, m).
+
+    >>> solve_lower(np.array([[2.0, 0.0], [1.0, 1.0]]), np.array([[2.0], [3.0]])).tolist()
+    [[1.0], [2.0]]
+    """
+    from scipy.linalg.lapack import dtrtrs
+
+    finite(what, triangle, right)
+    out = np.zeros(right.shape)
+    for at in np.ndindex(right.shape[:-2] if right.size else (0,)):
+        out[at] = dtrtrs(triangle[at], right[at], lower=1)[0]
+    return out
+
+
 def solve_blocks(matrix: Array, right: Array) -> Array:
     """Solve (N, d, d) x = (N or 1, d, m) row by row.
 

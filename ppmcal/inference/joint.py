@@ -156,6 +156,13 @@ class _System:
         self.usual = [usual(roots, *ends, given[0].known)
                       for roots, ends in zip(self.roots, self.ends, strict=True)]
         self.lifts = [self._lift(at, roots) for at, roots in zip(self.at, self.roots, strict=True)]
+        widths = [roots.shape[3] for roots in self.roots]
+        self.block = np.repeat(np.arange(len(widths)), widths)                  # (Q,)
+        views, count, every = len(self.right), self.block.size, self.right.shape[1]
+        # at the roots that were asked last: their numbers, lifts, and inner products
+        self.now = (np.full((views, len(widths)), -1), np.zeros((views, every, count)),
+                    np.zeros((views, count, every)), np.zeros((views, count, count)),
+                    np.zeros((views, count)))
 
     def _lift(self, at: Sequence[int], roots: Array) -> Array:
         """Return roots in the rows of all columns (V, G, c, q)."""
@@ -168,26 +175,47 @@ class _System:
 
         First wherever its coefficient is, then with it between its ends; then without it (V,).
         """
-        fixed = self._fixed([i for i in range(len(self.roots)) if i != k], sizes, grid)
-        across = np.swapaxes(fixed, 1, 2) @ np.concatenate(
-            [self.inner, self.right[..., None]], axis=2)                        # (V, q, c + 1)
-        factor = linalg.cholesky(np.eye(fixed.shape[2]) + across[..., :-1] @ fixed)
-        held = linalg.solve(factor, across)
+        across, inner, right = self._at_roots(grid)
+        at, rest = self.at[k], np.flatnonzero(self.block != k)
+        scale = SIZES[sizes[:, self.block[rest]]][..., None]                    # (V, q, 1)
+        factor = linalg.cholesky(np.eye(rest.size) + scale * np.swapaxes(scale, 1, 2)
+                                 * inner[:, rest[:, None], rest])
+        held = linalg.solve_lower(factor, scale * np.concatenate(
+            [across[:, rest[:, None], at], right[:, rest, None]], axis=2))
         base = -np.sum(np.log(np.diagonal(factor, axis1=1, axis2=2)), axis=1)[:, None, None]
         gone = np.sum(held[..., -1] ** 2, axis=1)[:, None, None]
-        taken = np.swapaxes(held[..., :-1], 1, 2) @ held
-        left, along = self.inner - taken[..., :-1], self.right - taken[..., -1]
-        lift, (low, high) = self.lifts[k], self.ends[k]
-        own, turn = small_eigh(np.swapaxes(lift, 2, 3) @ left[:, None] @ lift)
-        part = (along[:, None, None] @ lift @ turn)[..., 0, :]
+        taken = np.swapaxes(held[..., :-1], 1, 2) @ held                        # (V, k, k + 1)
+        left = self.inner[:, at][..., at] - taken[..., :-1]
+        along = (self.right[:, at] - taken[..., -1])[:, None, None]
+        roots, (low, high) = self.roots[k], self.ends[k]
+        own, turn = small_eigh(np.swapaxes(roots, 2, 3) @ left[:, None] @ roots)
+        part = (along @ roots @ turn)[..., 0, :]
         rest = np.maximum(1.0 - gone / self.spread, LEAST)
         none = (base - 0.5 * self.freedom * np.log(rest))[:, 0, 0]
         out = base + odds_by_size(self, own, part**2, gone)
         if not bounded(low, high).size:
             return np.swapaxes(out, 1, 2), np.swapaxes(out, 1, 2), none
-        inside = within(self, self.roots[k] @ turn, own, part, low[None], high[None], gone)
+        inside = within(self, roots @ turn, own, part, low[None], high[None], gone)
         inside -= self.usual[k][:, None, None]
         return np.swapaxes(out, 1, 2), np.swapaxes(out + inside, 1, 2), none
+
+    def _at_roots(self, grid: Ints) -> tuple[Array, Array, Array]:
+        """Return inner products of all blocks' columns at their roots (Q), as they are asked.
+
+        With all columns (V, Q, c), with each other (V, Q, Q), with the values (V, Q).
+        """
+        changed = np.flatnonzero((self.now[0] != grid).any(axis=0))
+        lifts, across, inner, right = self.now[1:]
+        places = [np.flatnonzero(self.block == k) for k in changed]
+        for k, own in zip(changed, places, strict=True):
+            lifts[..., own] = self.lifts[k][np.arange(len(grid)), grid[:, k]]
+        for own in places:
+            across[:, own] = np.swapaxes(lifts[..., own], 1, 2) @ self.inner
+            inner[:, own] = across[:, own] @ lifts
+            inner[..., own] = np.swapaxes(inner[:, own], 1, 2)
+            right[:, own] = np.einsum("vcq,vc->vq", lifts[..., own], self.right)
+        self.now[0][:] = grid
+        return across, inner, right
 
     def coefficients(self, sizes: Ints, grid: Ints
                      ) -> list[tuple[tuple[Array, ...], tuple[Array, ...]]]:
