@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 OUT ?= demo-results
 MINUTES ?= 10
 TESTS ?= not slow
-SEEDS ?= 991 992 993 994
+SEEDS ?= 999 1000 1001 1002
 
 .PHONY: demo test test-all lint bench fuzz torture mutants wheel oldest supply rates generated docs docs-output \
         screenshots strangers-path clean
