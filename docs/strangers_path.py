@@ -1,7 +1,12 @@
-"""Write docs/strangers-path.md: the stranger's way, then each mistake with answer and time."""
+"""Write docs/strangers-path.md: the stranger's way, then each mistake with answer and time.
+
+And docs/three-paths.md: a stage, a hexapod and a printer against simulators of their own.
+"""
 
 from __future__ import annotations
 
+import re
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -10,23 +15,29 @@ from generators.mistakes import STRANGER, sections
 from generators.pages import WHOLE, own_process, perform, steps, with_output
 from generators.paths import DOCS
 
-SHOWN = {"mine.yaml": "yaml", "measure.py": "python", "run1.yaml": "yaml", "targets.csv": "csv"}
+PAGES = {"strangers-path.md": "page.md", "three-paths.md": "three.md"}
+"""Of each page what it is made from."""
+LANGUAGES = {".yaml": "yaml", ".py": "python", ".csv": "csv"}
+FILE = re.compile(r"<!-- file: (\S+) -->")
 
 
-def page() -> str:
-    """Return the page, with what the program answers now and how long it took."""
-    text = (STRANGER / "page.md").read_text(encoding="utf-8")
-    for name, language in SHOWN.items():
+def page(source: str) -> str:
+    """Return a page, with what the program answers now and how long it took."""
+    text = (STRANGER / source).read_text(encoding="utf-8")
+    assert text.startswith(WHOLE)
+    for name in FILE.findall(text):
         own = (STRANGER / name).read_text(encoding="utf-8")
         text = text.replace(f"<!-- file: {name} -->",
-                            f'```{language} title="{name}"\n{own}```')
+                            f'```{LANGUAGES[Path(name).suffix]} title="{name}"\n{own}```')
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         (folder / "way").mkdir()
         (folder / "timed").mkdir()
         text = with_output(text, folder / "way")
         text = text.replace("<!-- times -->", times(text, folder / "timed"))
-        return text.replace("<!-- mistakes -->", sections(own_process, folder))
+        if "<!-- mistakes -->" in text:
+            text = text.replace("<!-- mistakes -->", sections(own_process, folder))
+        return text
 
 
 def times(text: str, folder: Path) -> str:
@@ -43,5 +54,5 @@ def times(text: str, folder: Path) -> str:
 
 
 if __name__ == "__main__":
-    assert (STRANGER / "page.md").read_text(encoding="utf-8").startswith(WHOLE)
-    (DOCS / "strangers-path.md").write_text(page(), encoding="utf-8")
+    for name in sys.argv[1:] or PAGES:
+        (DOCS / name).write_text(page(PAGES[name]), encoding="utf-8")
