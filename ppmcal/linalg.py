@@ -108,6 +108,19 @@ def solve_lower(triangle: Array, right: Array, what: str = "the solution of line
     return out
 
 
+def fading_sum(values: Array, factor: float) -> Array:
+    """Return y (N, k) of values x (N, k): y_n = x_n + factor y_(n-1), a factor below 1.
+
+    >>> fading_sum(np.array([[1.0], [0.0], [2.0]]), 0.5).ravel().tolist()
+    [1.0, 0.5, 2.25]
+    """
+    from scipy.linalg import solve_banded
+
+    band = np.repeat([[1.0], [-factor]], len(values), axis=1)
+    with guarded("a fading sum"):
+        return np.asarray(solve_banded((1, 0), band, values))
+
+
 def solve_blocks(matrix: Array, right: Array) -> Array:
     """Solve (N, d, d) x = (N or 1, d, m) row by row.
 

@@ -21,7 +21,7 @@ from ppmcal.diagnosis.unknown_courses import WAVES, courses_of
 from ppmcal.diagnosis.unknown_functions import (
     ALONE,
     LOADED,
-    Look,
+    CauseLook,
     Made,
     fine_functions,
     functions_of_each,
@@ -51,7 +51,7 @@ AGAIN = "go to one pose again and again from the same side, and read {} each tim
 
 
 @dataclass(frozen=True, eq=False)
-class UnknownCause(Look):
+class UnknownCause(CauseLook):
     """One block of columns ``number`` to ``number + width``, and what it looks like."""
 
     width: int

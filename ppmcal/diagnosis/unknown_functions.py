@@ -40,7 +40,7 @@ ALONE = "move {} alone in fine steps, and indicate {}"
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class CauseLook:
     """What an unknown cause looks like.
 
     ``curve``, ``on``: the learned term that it would be, None where it is not a function of an
@@ -59,7 +59,7 @@ class Look:
 
 
 @dataclass(frozen=True, eq=False)
-class Made(Look):
+class Made(CauseLook):
     """Columns (n, K) that may be one cause.
 
     ``kernels`` (K, K): of what its coefficients are, by length; none: each by itself, all of one
@@ -75,7 +75,7 @@ class Made(Look):
     @property
     def look(self) -> dict[str, Any]:
         """What it looks like, without its columns."""
-        return {f.name: getattr(self, f.name) for f in fields(Look)}
+        return {f.name: getattr(self, f.name) for f in fields(CauseLook)}
 
     def roots(self, gram: Array, count: int) -> tuple[Array, ...]:
         """Return the roots of its kernels: see :func:`ppmcal.diagnosis.kernels.roots`."""

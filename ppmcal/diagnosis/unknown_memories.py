@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from scipy.signal import lfilter
 
 from ppmcal import linalg
 from ppmcal.diagnosis.term_candidates import Visible, columns_from, joint_groups
@@ -59,8 +58,8 @@ def of_memories(seen: Visible) -> Iterator[Made]:
 
 def _faded(before: Array) -> Array:
     """Return traces (N, k, F) of what was in each row (N, k), of one sigma each."""
-    out = np.stack([lfilter([1.0], [1.0, -np.exp(-1.0 / rows)], before - before.mean(axis=0),
-                            axis=0) for rows in FADES], axis=-1)
+    out = np.stack([linalg.fading_sum(before - before.mean(axis=0), float(np.exp(-1.0 / rows)))
+                    for rows in FADES], axis=-1)
     return np.asarray(out / np.maximum(out.std(axis=0), np.finfo(float).tiny))
 
 

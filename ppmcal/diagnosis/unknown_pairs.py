@@ -29,7 +29,7 @@ from ppmcal.model.effects.learned_curve import spline_basis
 
 
 @dataclass(frozen=True, eq=False)
-class Recorded:
+class PairInput:
     """Something recorded: its values (N,), or by joint (N, k), by part of the system.
 
     ``remedy``: what to measure where something goes with it.
@@ -56,10 +56,10 @@ def of_pairs(seen: Visible) -> Iterator[Made]:
     rows = [p.setting for p in seen.system.parts]
     when = list(places_in(seen.system).values())[-1]
     conditions = [c for c in (
-        Recorded("time", [when[p.at] for p in seen.system.parts]),
-        Recorded("temperature", [s.temperature for s in rows]),
-        Recorded("payload", [carried(s) for s in rows], LOADED)) if _varies(c)]
-    travel = Recorded("travel", [s.travel for s in rows])
+        PairInput("time", [when[p.at] for p in seen.system.parts]),
+        PairInput("temperature", [s.temperature for s in rows]),
+        PairInput("payload", [carried(s) for s in rows], LOADED)) if _varies(c)]
+    travel = PairInput("travel", [s.travel for s in rows])
     groups = {" ".join(compress(mechanism.actuators, on)): (JOINT, on)
               for on in joint_groups(mechanism)}
     coordinates = {c: (c, (True,) * len(mechanism.actuators)) for c in mechanism.coordinates
@@ -73,12 +73,12 @@ def of_pairs(seen: Visible) -> Iterator[Made]:
             yield from _over_places(seen, second, list(coordinates))
 
 
-def _varies(recorded: Recorded) -> bool:
+def _varies(recorded: PairInput) -> bool:
     values = np.concatenate(recorded.values)
     return bool(np.isfinite(values).all() and np.ptp(values) > 0.0)
 
 
-def _of_two(seen: Visible, first: Recorded, second: Recorded,
+def _of_two(seen: Visible, first: PairInput, second: PairInput,
             acted: Mapping[str, tuple[str, tuple[bool, ...]]]) -> Iterator[Made]:
     """Yield functions of two inputs; ``acted``: as of :func:`unknown_functions.functions_of`."""
     for where, (acts, on) in acted.items():
@@ -100,7 +100,7 @@ def _products(first: Array, second: Array) -> Array:
     return np.asarray(out.reshape(*out.shape[:-2], -1))
 
 
-def _over_places(seen: Visible, condition: Recorded, coordinates: Sequence[str]
+def _over_places(seen: Visible, condition: PairInput, coordinates: Sequence[str]
                  ) -> Iterator[Made]:
     """Yield errors of a coordinate that are linear in places, by another amount as it was.
 
