@@ -27,7 +27,7 @@ COURSE = "measure one pose again and again, from the beginning of a campaign to 
 
 def courses_of(system: System, zeros_of_joints: Mapping[str, Array], least: float
                ) -> Iterator[Made]:
-    """Yield slow courses of each joint, of all alike and each another, of base and target.
+    """Yield slow courses of each joint, of all alike and each its own, of base and target.
 
     ``zeros_of_joints``: what each joint's does (N, m), by a metre or a radian; ``least``: rms, in
     sigmas, below which a column is nothing but round-off.
@@ -89,7 +89,7 @@ def _joints(system: System, zeros: Mapping[str, Array]) -> Iterator[Moving]:
         each = list(zeros.values())
         if len(set(system.problem.mechanism.actuator_quantity)) == 1:
             yield ALL_ZEROS, " ".join(zeros), [np.sum(each, axis=0)]
-        yield "the zero of each joint, each another one", EACH, each
+        yield "the zero of each joint, each its own", EACH, each
 
 
 def _bodies(system: System, least: float) -> Iterator[Moving]:

@@ -32,7 +32,7 @@ from ppmcal.model.effects.setting import PLACE
 GAUGE = ("measure a gauge of known length at several places of the workspace: it tells an error of "
          "the instrument from one of the machine")
 EACH = "each joint"
-"""What causes act on that all joints have, each by another amount or course."""
+"""What causes act on that all joints have, each an amount or a course of its own."""
 FINEST = 128
 """Nodes over the travel of a joint of a function that is finer than a learned one."""
 LOADED = "at one pose, indicate it while the load is put on and taken off"
@@ -104,7 +104,7 @@ def fine_functions(seen: Visible) -> Iterator[Made]:
 
 
 def functions_of_each(seen: Visible) -> Iterator[Made]:
-    """Yield functions that all joints have, each another one, of what is recorded.
+    """Yield functions that all joints have, each its own, of what is recorded.
 
     As effects that all joints have, each by an amount of its own: what one joint has, all have in
     half of the machines.
@@ -129,7 +129,7 @@ def _of_each(seen: Visible, name: str, x: Sequence[Array], most: int) -> Iterato
         columns.append(columns_from(seen, JOINT, on, [spline_basis(nodes, part) for part in x]))
         kernels.append([matern(nodes, length) for length in LENGTHS])
     if len(columns) > 1:
-        yield Made(f"a function of {name} acting on each joint, each another one",
+        yield Made(f"a function of {name} acting on each joint, each its own",
                    np.concatenate(columns, axis=1),
                    [linalg.block_diagonal(some) for some in zip(*kernels, strict=True)], True,
                    subject=EACH)

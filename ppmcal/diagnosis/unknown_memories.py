@@ -22,7 +22,7 @@ FADES = (2.0, 5.0, 12.0, 30.0)
 
 
 def of_memories(seen: Visible) -> Iterator[Made]:
-    """Yield fading traces acting on joints, on all alike or each another, and on coordinates.
+    """Yield fading traces acting on joints, on all alike or each its own, and on coordinates.
 
     Of the ways of each joint and of all, of the temperature and of the payload, where they vary.
     """
@@ -47,7 +47,7 @@ def of_memories(seen: Visible) -> Iterator[Made]:
         for joint, columns in zip(names, each, strict=False):
             yield _made(f"{label} {joint}", [columns], joint)
         if len(names) > 1:
-            yield _made(f"{label} each joint, each by another amount", each[:len(names)], EACH)
+            yield _made(f"{label} each joint, each its own", each[:len(names)], EACH)
         if len(each) > len(names):
             yield _made(f"{label} {' '.join(names)}", [each[-1]], " ".join(names), together=True)
         if traces[0].shape[1] == 1:

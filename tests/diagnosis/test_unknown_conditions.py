@@ -50,7 +50,7 @@ def test_joints_that_all_warm_up_are_no_shifts_of_their_zeros() -> None:
                        * np.array([1.0, -1.0, 1.0]))
 
     place, = found(warming).places
-    assert place.label == "a start-up transient of the zero of each joint, each another one"
+    assert place.label == "a start-up transient of the zero of each joint, each its own"
     assert not place.named
 
 

@@ -115,5 +115,5 @@ def test_heat_that_moves_each_leg_by_another_course_is_one_cause() -> None:
         return replace(data, q=data.q - 0.8 * sigma[:, None] * warmth[:, None]**2 * [1.0, 2.0, 3.0])
 
     place, = found(warmed, temperature=warmth).places
-    assert place.label == "a function of temperature acting on each joint, each another one"
+    assert place.label == "a function of temperature acting on each joint, each its own"
     assert not place.named
