@@ -34,6 +34,7 @@ KNOWN = {
     "calibration/knowledge/identifiability_report.py": "before a fit the noise is as stated",
     "report/diagnosis_figures.py": "files that do not say",
     "controllers/delta/files.py": "printed parts, of which an interval is known, no noise",
+    "controllers/number_intervals.py": "parameters whose interval no file says; and back to sigmas",
     "diagnosis/result.py": "the default of no noise",
     "io/measurement_columns.py": "what an instrument lists, which is stated",
     "diagnosis/residual_series.py": "a standard normal of the same chance, no interval",
