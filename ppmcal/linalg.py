@@ -103,8 +103,10 @@ def solve_lower(triangle: Array, right: Array, what: str = "the solution of line
 
     finite(what, triangle, right)
     out = np.zeros(right.shape)
-    for at in np.ndindex(right.shape[:-2] if right.size else (0,)):
-        out[at] = dtrtrs(triangle[at], right[at], lower=1)[0]
+    for at in np.ndindex(right.shape[:-2]) if right.size else ():
+        out[at], singular = dtrtrs(triangle[at], right[at], lower=1)
+        if singular:
+            raise _lost(what)
     return out
 
 

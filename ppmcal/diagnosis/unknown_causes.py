@@ -10,17 +10,19 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain, compress
 
 import numpy as np
 
 from ppmcal.diagnosis.grids import start_values
 from ppmcal.diagnosis.kernels import LENGTHS, beyond_mean, matern, product_kernels
 from ppmcal.diagnosis.linear_system import System, Whitening
-from ppmcal.diagnosis.term_candidates import Visible, columns_of, forms
-from ppmcal.diagnosis.unknown_courses import WAVES, courses_of
+from ppmcal.diagnosis.term_candidates import Visible, forms
+from ppmcal.diagnosis.unknown_courses import courses_of
 from ppmcal.diagnosis.unknown_functions import (
     ALONE,
     LOADED,
+    Acted,
     CauseLook,
     Made,
     fine_functions,
@@ -39,6 +41,9 @@ from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.effects import Setting, effect_kinds
 from ppmcal.model.effects.learned import JOINT, LearnedCurve
 
+FUNCTIONS = (over_volume, of_others, functions_of_each, fine_functions, over_travels, of_pairs,
+             of_memories)
+"""What is made of what rows record."""
 UNKNOWN_FAMILY = "unknown"
 """The family of what no kind of the library does."""
 PULLS = "what limbs pull against each other, another at each pose"
@@ -75,10 +80,9 @@ class UnknownCauses:
 
     def __init__(self, system: System, everywhere: Sequence[Setting]) -> None:
         self.system = system
-        inputs = [*self._of_inputs(everywhere), *over_volume(self._seen), *of_others(self._seen),
-                  *functions_of_each(self._seen), *fine_functions(self._seen),
-                  *over_travels(self._seen), *of_pairs(self._seen), *of_memories(self._seen),
-                  *self._of_places(), *of_ways(self._seen, WAVES), *self._of_loads()]
+        inputs = [*self._of_inputs(everywhere),
+                  *chain.from_iterable(functions(self._seen) for functions in FUNCTIONS),
+                  *self._of_places(), *of_ways(self._seen), *self._of_loads()]
         trends = list(courses_of(system, self.zeros_of_joints, self.least))
         groups = [g for g in (inputs, trends) if g]
         shares: list[tuple[Made, float]] = []
@@ -128,18 +132,17 @@ class UnknownCauses:
                             roots=made.roots(gram, self.system.count))
 
     def _of_inputs(self, everywhere: Sequence[Setting]) -> Iterator[Made]:
-        mechanism = self.system.problem.mechanism
+        actuators = self.system.problem.mechanism.actuators
         for curve, on in forms(self._seen, everywhere):
-            kernels = self._kernels(curve, on)
-            acted = [a for a, there in zip(mechanism.actuators, on, strict=True) if there]
-            where = curve.acts if curve.acts != JOINT else " ".join(acted)
-            together = curve.acts == JOINT and len(acted) > 1
-            label = (f"a function of {' and '.join(curve.inputs)}"
-                     f"{' by direction' if curve.signed else ''} acting on {where}")
-            alone = curve.inputs == ("travel",) and not together
-            yield Made(label, columns_of(self._seen, curve, on), kernels, together, curve=curve,
-                       on=on, subject=where, remedy=ALONE.format(where, "it") if alone else "",
-                       usual=float(GOES_WITH) if curve.by or curve.signed else 1.0)
+            acted = (Acted(" ".join(compress(actuators, on)), JOINT, on) if curve.acts == JOINT
+                     else Acted(curve.acts, curve.acts))
+            alone = curve.inputs == ("travel",) and not acted.together
+            yield acted.made(
+                self._seen, f"a function of {' and '.join(curve.inputs)}"
+                f"{' by direction' if curve.signed else ''}",
+                [curve.weights(p.setting) for p in self.system.parts], self._kernels(curve, on),
+                curve=curve, on=on, remedy=ALONE.format(acted.words, "it") if alone else "",
+                usual=float(GOES_WITH) if curve.by or curve.signed else 1.0)
 
     def _kernels(self, curve: LearnedCurve, on: Sequence[bool]) -> list[Array]:
         """Return the kernels of a curve's values, by length.

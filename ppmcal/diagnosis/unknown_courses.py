@@ -74,6 +74,11 @@ def places_in(system: System) -> dict[str, Array]:
     return out
 
 
+def time_in(system: System) -> Array:
+    """Return where each row is in the campaign (N,), 0 to 1: in recorded time, or by its number."""
+    return list(places_in(system).values())[-1]
+
+
 def _rows(system: System) -> Array:
     return np.concatenate([p.response.rows.row for p in system.firsts]).astype(float)
 

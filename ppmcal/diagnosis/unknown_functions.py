@@ -5,7 +5,7 @@ As blocks of columns with the covariance of their coefficients, for :mod:`unknow
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from itertools import compress
 from typing import Any
@@ -82,25 +82,65 @@ class Made(CauseLook):
         return roots(self.kernels or [np.eye(self.columns.shape[1])], gram, count)
 
 
+@dataclass(frozen=True)
+class Acted:
+    """What an unknown cause acts on: joints ``on``, or a coordinate of the pose.
+
+    ``words``: which; ``acts``: a coordinate or :data:`JOINT`, as of a curve.
+    """
+
+    words: str
+    acts: str
+    on: tuple[bool, ...] = ()
+
+    @property
+    def together(self) -> bool:
+        """Whether it is several joints at once."""
+        return sum(self.on) > 1
+
+    def made(self, seen: Visible, what: str, weights: Sequence[Array], kernels: Sequence[Array],
+             **look: Any) -> Made:
+        """Return ``what`` acts on it, of functions whose ``weights`` are by part of the system."""
+        return Made(f"{what} acting on {self.words}",
+                    columns_from(seen, self.acts, self.on, weights), kernels, self.together,
+                    subject=self.words, **look)
+
+
+def joints(seen: Visible) -> list[Acted]:
+    """Return each joint, and all of them if they are alike."""
+    mechanism = seen.system.problem.mechanism
+    return [Acted(" ".join(compress(mechanism.actuators, on)), JOINT, on)
+            for on in joint_groups(mechanism)]
+
+
+def coordinates(seen: Visible) -> list[Acted]:
+    """Return the coordinates of the pose."""
+    return [Acted(c, c) for c in seen.system.problem.mechanism.coordinates]
+
+
+def told(seen: Visible) -> list[str]:
+    """Return the coordinates that are more than residuals: what may be a function of them."""
+    return [c for c in seen.system.problem.mechanism.coordinates
+            if c not in seen.residual_coordinates]
+
+
 def fine_functions(seen: Visible) -> Iterator[Made]:
     """Yield functions of a joint's travel that are finer than those that are learned.
 
     Such as a wave whose pitch changes along the stroke. A term with so many nodes would not be
     known in most places.
     """
-    mechanism = seen.system.problem.mechanism
     travel = [p.setting.travel for p in seen.system.parts]
-    for on in joint_groups(mechanism):
-        own = np.concatenate(travel)[:, np.array(on)]
+    for acted in joints(seen):
+        own = np.concatenate(travel)[:, np.array(acted.on)]
         count = min(FINEST, len(own))
         if not np.ptp(own) > 0.0 or count <= FINE:
             continue
         nodes = np.linspace(own.min(), own.max(), count)
-        acted = " ".join(compress(mechanism.actuators, on))
-        yield Made(f"a fine function of travel acting on {acted}", columns_from(
-            seen, JOINT, on, [spline_basis(nodes, x) for x in travel]),
-            [matern(nodes, length) for length in FINER], sum(on) > 1, subject=acted,
-            remedy="" if sum(on) > 1 else ALONE.format(acted, "it"))
+        weights = [spline_basis(nodes, x) for x in travel]
+        kernels = [matern(nodes, length) for length in FINER]
+        yield acted.made(seen, "a fine function of travel", weights, kernels,
+                         remedy="" if acted.together else ALONE.format(acted.words, "it"))
 
 
 def functions_of_each(seen: Visible) -> Iterator[Made]:
@@ -141,20 +181,23 @@ def over_volume(seen: Visible) -> Iterator[Made]:
     Second powers of all coordinates, third powers of the position's; what is linear in them is
     scale, turn and skew.
     """
-    here = [p.setting for p in seen.system.parts]
-    coordinates = seen.system.problem.mechanism.coordinates
-    over = [INPUTS[c] for c in coordinates if c not in seen.residual_coordinates]
-    if not over:
-        return
-    values = np.concatenate([np.stack([x.value(s) for x in over], axis=1) for s in here])
-    places = np.compress([PLACE[x.name] < 3 for x in over], values, axis=1)
+    values = where_it_is(seen)
+    places = np.compress([PLACE[c] < 3 for c in told(seen)], values, axis=1)
     powers = np.concatenate([bends(values, 2), bends(places, 3)], axis=1)
-    if not powers.size:
-        return
-    by_part = np.split(powers, np.cumsum([s.time.size for s in here])[:-1])
-    for c in coordinates:
-        yield Made(f"a distortion of {c} over the workspace", columns_from(seen, c, (), by_part),
-                   subject=c, remedy=GAUGE)
+    for c in seen.system.problem.mechanism.coordinates if powers.size else ():
+        yield Made(f"a distortion of {c} over the workspace",
+                   columns_from(seen, c, (), by_part(seen, powers)), subject=c, remedy=GAUGE)
+
+
+def where_it_is(seen: Visible) -> Array:
+    """Return the coordinates that are more than residuals (N, c), of all parts."""
+    return np.concatenate([np.reshape([INPUTS[c].value(p.setting) for c in told(seen)],
+                                      (-1, p.setting.time.size)).T for p in seen.system.parts])
+
+
+def by_part(seen: Visible, values: Array) -> list[Array]:
+    """Return values of all rows by part of the system."""
+    return np.split(values, np.cumsum([p.setting.time.size for p in seen.system.parts])[:-1])
 
 
 def over_travels(seen: Visible) -> Iterator[Made]:
@@ -162,15 +205,12 @@ def over_travels(seen: Visible) -> Iterator[Made]:
 
     Second and third powers; what is linear in them is told by each travel.
     """
-    rows = [p.setting for p in seen.system.parts]
-    travel = np.concatenate([s.travel for s in rows])
+    travel = np.concatenate([p.setting.travel for p in seen.system.parts])
     powers = np.concatenate([bends(travel, degree) for degree in (2, 3)], axis=1)
-    by_part = np.split(powers, np.cumsum([s.time.size for s in rows])[:-1])
-    names = seen.system.problem.mechanism.actuators
-    for name, on in zip(names, np.eye(len(names), dtype=bool), strict=True):
-        yield Made(f"a function of all joints' travels acting on {name}",
-                   columns_from(seen, JOINT, on.tolist(), by_part), subject=name,
-                   remedy=ALONE.format("each joint", name))
+    for acted in joints(seen):
+        if not acted.together:
+            yield acted.made(seen, "a function of all joints' travels", by_part(seen, powers), (),
+                             remedy=ALONE.format("each joint", acted.words))
 
 
 def of_others(seen: Visible) -> Iterator[Made]:
@@ -178,27 +218,21 @@ def of_others(seen: Visible) -> Iterator[Made]:
 
     What is carried may move anything, and a drive what its neighbour does.
     """
-    mechanism = seen.system.problem.mechanism
-    names, groups = mechanism.actuators, joint_groups(mechanism)
-    each = {name: (JOINT, on) for name, on in zip(names, groups, strict=False)}
-    every = {" ".join(compress(names, on)): (JOINT, on) for on in groups}
-    every |= {c: (c, (True,) * len(names)) for c in mechanism.coordinates}
+    every = [*joints(seen), *coordinates(seen)]
     rows = [p.setting for p in seen.system.parts]
     yield from functions_of(seen, "the payload", [carried(s) for s in rows], every, LOADED)
     for n, name in enumerate(WRENCH):
         yield from functions_of(seen, name, [applied(n, s) for s in rows], every, LOADED)
-    for n, name in enumerate(names):
+    for n, name in enumerate(seen.system.problem.mechanism.actuators):
         yield from functions_of(seen, f"the travel of {name}", [s.travel[:, n] for s in rows],
-                                {other: on for other, on in each.items() if other != name},
+                                [a for a in joints(seen) if not (a.together or a.on[n])],
                                 ALONE.format(name, "the other"))
 
 
 def functions_of(seen: Visible, name: str, x: Sequence[Array],
-                 acted: Mapping[str, tuple[str, tuple[bool, ...]]], remedy: str = ""
-                 ) -> Iterator[Made]:
+                 acted: Sequence[Acted], remedy: str = "") -> Iterator[Made]:
     """Yield functions of what is known of each row (N,), by part, acting on each of some things.
 
-    ``acted``: in words -> a coordinate of the pose or joints, and which, as of a curve.
     ``remedy``: as of a cause.
     """
     values = np.concatenate(x)
@@ -207,9 +241,8 @@ def functions_of(seen: Visible, name: str, x: Sequence[Array],
         return
     kernels = [matern(nodes, length) for length in LENGTHS]
     weights = [spline_basis(nodes, own) for own in x]
-    for where, (acts, on) in acted.items():
-        yield Made(f"a function of {name} acting on {where}", columns_from(seen, acts, on, weights),
-                   kernels, acts == JOINT and sum(on) > 1, subject=where, remedy=remedy)
+    for one in acted:
+        yield one.made(seen, f"a function of {name}", weights, kernels, remedy=remedy)
 
 
 def carried(rows: Setting) -> Array:

@@ -10,12 +10,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.diagnosis.term_candidates import Visible, columns_from, joint_groups
+from ppmcal.diagnosis.term_candidates import Visible
 from ppmcal.diagnosis.unknown_courses import COURSE
-from ppmcal.diagnosis.unknown_functions import EACH, Made
+from ppmcal.diagnosis.unknown_functions import EACH, Acted, Made, coordinates, joints
 from ppmcal.diagnosis.unknown_ways import at_rows
 from ppmcal.linalg import Array
-from ppmcal.model.effects.learned import JOINT
 
 FADES = (2.0, 5.0, 12.0, 30.0)
 """Rows within which a trace fades to a third."""
@@ -26,45 +25,39 @@ def of_memories(seen: Visible) -> Iterator[Made]:
 
     Of the ways of each joint and of all, of the temperature and of the payload, where they vary.
     """
-    problem = seen.system.problem
-    names, coordinates = problem.mechanism.actuators, problem.mechanism.coordinates
-    ways = [np.abs(np.diff(d.q, axis=0, prepend=d.q[:1])) for d in problem.datasets]
-    stroke = np.maximum(np.ptp(np.concatenate([d.q for d in problem.datasets]), axis=0),
-                        np.finfo(float).tiny)
-    carried = [np.linalg.norm(e.weight, axis=1) for e in problem.environments]
-    for name, before in (
-            ("its own moves", ways),
-            ("all moves", [np.sum(w / stroke, axis=1, keepdims=True) for w in ways]),
-            ("the temperature", [e.temperature[:, None] for e in problem.environments]),
-            ("the payload", [load[:, None] for load in carried])):
-        every = np.concatenate(before)
-        if not (np.isfinite(every).all() and (np.ptp(every, axis=0) > 0.0).all()):
-            continue
-        traces = at_rows(seen, [_faded(b) for b in before])
-        own = [np.broadcast_to(t, (len(t), len(names), len(FADES))) for t in traces]
-        label = f"a fading trace of {name} acting on"
-        each = [columns_from(seen, JOINT, on, own) for on in joint_groups(problem.mechanism)]
-        for joint, columns in zip(names, each, strict=False):
-            yield _made(f"{label} {joint}", [columns], joint)
-        if len(names) > 1:
-            yield _made(f"{label} each joint, each its own", each[:len(names)], EACH)
-        if len(each) > len(names):
-            yield _made(f"{label} {' '.join(names)}", [each[-1]], " ".join(names), together=True)
-        if traces[0].shape[1] == 1:
-            for c in coordinates:
-                yield _made(f"{label} {c}", [columns_from(
-                    seen, c, (), [t[:, 0] for t in traces])], c)
+    sets, rows = seen.system.problem.datasets, seen.system.problem.environments
+    ways = [np.abs(np.diff(d.q, axis=0, prepend=d.q[:1])) for d in sets]
+    stroke = np.maximum(np.ptp(np.concatenate([d.q for d in sets]), axis=0), np.finfo(float).tiny)
+    yield from _traces(seen, "its own moves", ways, joints(seen))
+    for name, before in (("all moves", [np.sum(w / stroke, axis=1) for w in ways]),
+                         ("the temperature", [e.temperature for e in rows]),
+                         ("the payload", [np.linalg.norm(e.weight, axis=1) for e in rows])):
+        yield from _traces(seen, name, before, [*joints(seen), *coordinates(seen)])
+
+
+def _traces(seen: Visible, name: str, before: Sequence[Array], acted: Sequence[Acted]
+            ) -> Iterator[Made]:
+    """Yield traces of what was before (N,), or by joint (N, k), by data set; all fade as fast."""
+    every = np.concatenate(before)
+    if not (np.isfinite(every).all() and np.all(np.ptp(every, axis=0) > 0.0)):
+        return
+    weights = at_rows(seen, [_faded(b) for b in before])
+    one_fades = [np.diag(one) for one in np.eye(len(FADES))]
+    what = f"a fading trace of {name}"
+    each = [a.made(seen, what, weights, one_fades, remedy=COURSE) for a in acted]
+    single = [m.columns for m, a in zip(each, acted, strict=True) if a.on and not a.together]
+    yield from each[:len(single)]
+    if len(single) > 1:
+        yield Made(f"{what} acting on each joint, each its own", np.concatenate(single, axis=1), [
+            linalg.block_diagonal([k] * len(single)) for k in one_fades], True, subject=EACH,
+            remedy=COURSE)
+    yield from each[len(single):]
 
 
 def _faded(before: Array) -> Array:
-    """Return traces (N, k, F) of what was in each row (N, k), of one sigma each."""
-    out = np.stack([linalg.fading_sum(before - before.mean(axis=0), float(np.exp(-1.0 / rows)))
+    """Return traces (..., F) of what was in each row (N,) or (N, k), of one sigma each."""
+    own = before.reshape(len(before), -1)
+    out = np.stack([linalg.fading_sum(own - own.mean(axis=0), float(np.exp(-1.0 / rows)))
                     for rows in FADES], axis=-1)
-    return np.asarray(out / np.maximum(out.std(axis=0), np.finfo(float).tiny))
-
-
-def _made(label: str, columns: Sequence[Array], subject: str, together: bool = False) -> Made:
-    """Return a cause whose traces all fade as fast, by joint (n, F)."""
-    return Made(label, np.concatenate(columns, axis=1), [
-        linalg.block_diagonal([np.diag(one)] * len(columns)) for one in np.eye(len(FADES))],
-        together or len(columns) > 1, subject=subject, remedy=COURSE)
+    out /= np.maximum(out.std(axis=0), np.finfo(float).tiny)
+    return out.reshape(*before.shape, len(FADES))

@@ -6,25 +6,28 @@ input does by itself is a cause of its own (functional analysis of variance).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations, compress
+from itertools import combinations
 
 import numpy as np
 
-from ppmcal.diagnosis.kernels import LENGTHS, beyond_mean, matern, product_kernels
-from ppmcal.diagnosis.term_candidates import (
-    PAIRED,
-    Visible,
-    columns_from,
-    joint_groups,
-    nodes_over,
+from ppmcal.diagnosis.kernels import LENGTHS, bends, beyond_mean, matern, product_kernels
+from ppmcal.diagnosis.term_candidates import PAIRED, Visible, nodes_over
+from ppmcal.diagnosis.unknown_courses import COURSE, time_in
+from ppmcal.diagnosis.unknown_functions import (
+    LOADED,
+    Acted,
+    Made,
+    by_part,
+    carried,
+    coordinates,
+    joints,
+    told,
+    where_it_is,
 )
-from ppmcal.diagnosis.unknown_courses import COURSE, places_in
-from ppmcal.diagnosis.unknown_functions import LOADED, Made, carried
 from ppmcal.inference.priors import GOES_WITH
 from ppmcal.linalg import Array
-from ppmcal.model.effects.learned import INPUTS, JOINT
 from ppmcal.model.effects.learned_curve import spline_basis
 
 
@@ -52,25 +55,20 @@ class PairInput:
 
 def of_pairs(seen: Visible) -> Iterator[Made]:
     """Yield functions of two inputs acting on joints and coordinates, and places' by conditions."""
-    mechanism = seen.system.problem.mechanism
     rows = [p.setting for p in seen.system.parts]
-    when = list(places_in(seen.system).values())[-1]
+    when = time_in(seen.system)
     conditions = [c for c in (
         PairInput("time", [when[p.at] for p in seen.system.parts]),
         PairInput("temperature", [s.temperature for s in rows]),
         PairInput("payload", [carried(s) for s in rows], LOADED)) if _varies(c)]
     travel = PairInput("travel", [s.travel for s in rows])
-    groups = {" ".join(compress(mechanism.actuators, on)): (JOINT, on)
-              for on in joint_groups(mechanism)}
-    coordinates = {c: (c, (True,) * len(mechanism.actuators)) for c in mechanism.coordinates
-                   if c not in seen.residual_coordinates}
+    measured = [a for a in coordinates(seen) if a.words in told(seen)]
     for first, second in combinations(conditions, 2):
-        yield from _of_two(seen, first, second, groups | coordinates)
+        yield from _of_two(seen, first, second, [*joints(seen), *measured])
     for second in conditions:
         if second.name != "temperature":        # which a learned term has
-            yield from _of_two(seen, travel, second, groups)
-        if coordinates:
-            yield from _over_places(seen, second, list(coordinates))
+            yield from _of_two(seen, travel, second, joints(seen))
+        yield from _over_places(seen, second, measured)
 
 
 def _varies(recorded: PairInput) -> bool:
@@ -78,19 +76,18 @@ def _varies(recorded: PairInput) -> bool:
     return bool(np.isfinite(values).all() and np.ptp(values) > 0.0)
 
 
-def _of_two(seen: Visible, first: PairInput, second: PairInput,
-            acted: Mapping[str, tuple[str, tuple[bool, ...]]]) -> Iterator[Made]:
-    """Yield functions of two inputs; ``acted``: as of :func:`unknown_functions.functions_of`."""
-    for where, (acts, on) in acted.items():
-        x, y = first.of(on), second.of(on)
+def _of_two(seen: Visible, first: PairInput, second: PairInput, acted: Sequence[Acted]
+            ) -> Iterator[Made]:
+    """Yield functions of two inputs, acting on each of some things."""
+    for where in acted:
+        x, y = first.of(where.on), second.of(where.on)
         one, two = first.basis(PAIRED[0], x), second.basis(PAIRED[1], y)
         if one is None or two is None:
             continue
-        weights = [_products(a, b) for a, b in zip(one[1], two[1], strict=True)]
-        yield Made(f"a function of {first.name} and {second.name} acting on {where}",
-                   columns_from(seen, acts, on, weights),
-                   product_kernels(one[0], two[0], x, y), acts == JOINT and sum(on) > 1,
-                   subject=where, remedy=second.remedy, usual=float(GOES_WITH))
+        yield where.made(seen, f"a function of {first.name} and {second.name}",
+                         [_products(a, b) for a, b in zip(one[1], two[1], strict=True)],
+                         product_kernels(one[0], two[0], x, y), remedy=second.remedy,
+                         usual=float(GOES_WITH))
 
 
 def _products(first: Array, second: Array) -> Array:
@@ -100,25 +97,19 @@ def _products(first: Array, second: Array) -> Array:
     return np.asarray(out.reshape(*out.shape[:-2], -1))
 
 
-def _over_places(seen: Visible, condition: PairInput, coordinates: Sequence[str]
-                 ) -> Iterator[Made]:
+def _over_places(seen: Visible, condition: PairInput, acted: Sequence[Acted]) -> Iterator[Made]:
     """Yield errors of a coordinate that are linear in places, by another amount as it was.
 
     ``condition``: how it was.
     """
     values = np.concatenate(condition.values)
-    found = condition.basis(PAIRED[0], values)
-    where = [np.stack([INPUTS[c].value(p.setting) for c in coordinates], axis=1)
-             for p in seen.system.parts]
-    every = np.concatenate(where)
-    if found is None:
+    found, where = condition.basis(PAIRED[0], values), bends(where_it_is(seen), 1)
+    if found is None or not where.size:
         return
     nodes, weights = found
-    middle, spread = every.mean(axis=0), np.maximum(every.std(axis=0), np.finfo(float).tiny)
-    columns = [_products((x - middle) / spread, w) for x, w in zip(where, weights, strict=True)]
-    kernels = [np.asarray(np.kron(np.eye(len(coordinates)), k)) for k in beyond_mean(
+    columns = [_products(x, w) for x, w in zip(by_part(seen, where), weights, strict=True)]
+    kernels = [np.asarray(np.kron(np.eye(where.shape[1]), k)) for k in beyond_mean(
         [matern(nodes, length) for length in LENGTHS], nodes, values)]
-    for c in coordinates:
-        yield Made(f"a function of place and {condition.name} acting on {c}",
-                   columns_from(seen, c, (), columns), kernels, subject=c,
-                   remedy=condition.remedy, usual=float(GOES_WITH))
+    for one in acted:
+        yield one.made(seen, f"a function of place and {condition.name}", columns, kernels,
+                       remedy=condition.remedy, usual=float(GOES_WITH))

@@ -7,7 +7,6 @@ reading that is late or early holds a part of the way from the last row, or to t
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import compress
 
 import numpy as np
 
@@ -18,12 +17,10 @@ from ppmcal.diagnosis.term_candidates import (
     PER_NODE,
     Visible,
     columns_from,
-    joint_groups,
 )
-from ppmcal.diagnosis.unknown_courses import places_in
-from ppmcal.diagnosis.unknown_functions import Made, functions_of
+from ppmcal.diagnosis.unknown_courses import WAVES, time_in
+from ppmcal.diagnosis.unknown_functions import Made, coordinates, functions_of, joints, told
 from ppmcal.linalg import Array
-from ppmcal.model.effects.learned import JOINT
 from ppmcal.model.effects.learned_curve import spline_basis
 from ppmcal.model.effects.setting import PLACE
 
@@ -34,8 +31,8 @@ AT_REST = ("read only once the platform is at rest, and check that joints and in
 BOTH_WAYS = "record how each row was reached (`dir_`), and reach some poses from either side"
 
 
-def of_ways(seen: Visible, nodes: int) -> Iterator[Made]:
-    """Yield functions of the ways, at so many nodes over their range.
+def of_ways(seen: Visible) -> Iterator[Made]:
+    """Yield functions of the ways.
 
     Of the way from the row before none where files say how rows were reached: the library has it.
     """
@@ -44,27 +41,26 @@ def of_ways(seen: Visible, nodes: int) -> Iterator[Made]:
     none = np.full((1, len(system.problem.mechanism.actuators)), np.nan)
     if not all(np.isfinite(p.setting.move).any() for p in system.parts):
         came = at_rows(seen, [np.concatenate([none, way]) for way in joints])
-        yield from _of_joints(seen, "from the row before", came, nodes)
+        yield from _of_joints(seen, "from the row before", came)
         approach = [p.setting.approach for p in system.parts]
         sides = np.concatenate(approach)
         if np.isfinite(sides).all() and np.ptp(sides) > 0.0:
-            yield from _of_joints(seen, "from the row before", came, nodes, approach)
+            yield from _of_joints(seen, "from the row before", came, approach)
     earlier = [np.concatenate([none, none, way])[:-1] for way in joints]
-    yield from _of_joints(seen, "of the move before the last", at_rows(seen, earlier), nodes)
+    yield from _of_joints(seen, "of the move before the last", at_rows(seen, earlier))
     goes = at_rows(seen, [np.concatenate([way, none]) for way in joints])
-    yield from _of_joints(seen, "to the next row", goes, nodes)
+    yield from _of_joints(seen, "to the next row", goes)
     yield from _of_platform(seen)
 
 
 def _of_platform(seen: Visible) -> Iterator[Made]:
     """Yield what follows the platform's way: readings early or late, by its side, by how far."""
-    coordinates, still = seen.system.problem.mechanism.coordinates, np.zeros((1, 6))
+    acted, still = coordinates(seen), np.zeros((1, 6))
     moved = [(still, _moved(poses[:, :8]), still) for poses in seen.system.state.poses]
     behind = [np.concatenate(m[:2]) for m in moved]
     yield from _part_of(seen, "from the row before", [-way for way in behind])
     yield from _part_of(seen, "to the next row", [np.concatenate(m[1:]) for m in moved])
-    acted = {c: (c, ()) for c in coordinates}
-    for along in (c for c in coordinates if c not in seen.residual_coordinates):
+    for along in told(seen):
         way = at_rows(seen, [b[:, PLACE[along]] for b in behind])
         yield from functions_of(seen, f"the platform's last move in {along}", way, acted, BOTH_WAYS)
     far = [np.linalg.norm(way[:, :3], axis=1) for way in behind]
@@ -84,11 +80,8 @@ def _part_of(seen: Visible, name: str, ways: Sequence[Array]) -> Iterator[Made]:
     Always as much, or from the beginning of the campaign to its end the more or the less. Of a
     coordinate that hardly varies but by the errors the way is that of errors.
     """
-    when = list(places_in(seen.system).values())[-1]
-    late = [when[p.at, None] for p in seen.system.parts]
-    along = {c: [way[:, [PLACE[c]]] for way in at_rows(seen, ways)]
-             for c in seen.system.problem.mechanism.coordinates
-             if c not in seen.residual_coordinates}
+    late = [time_in(seen.system)[p.at, None] for p in seen.system.parts]
+    along = {c: [way[:, [PLACE[c]]] for way in at_rows(seen, ways)] for c in told(seen)}
     if not along:
         return
     for more, parts in (("", along), (", another at its end", {
@@ -104,21 +97,20 @@ def at_rows(seen: Visible, values: Sequence[Array]) -> list[Array]:
     return [values[p.dataset][seen.system.row[p.at]] for p in seen.system.parts]
 
 
-def _of_joints(seen: Visible, name: str, ways: Sequence[Array], count: int,
-               sides: Sequence[Array] = ()) -> Iterator[Made]:
+def _of_joints(seen: Visible, name: str, ways: Sequence[Array], sides: Sequence[Array] = ()
+               ) -> Iterator[Made]:
     """Yield functions of joints' ways (N, k), each by its own.
 
     ``sides`` (N, k): along the direction of approach; beyond a reversal, which the library has, or
     a reversal that short ways take up in part.
     """
-    mechanism = seen.system.problem.mechanism
     along = [way * side for way, side in zip(ways, sides, strict=True)] if sides else ways
-    for on in joint_groups(mechanism):
-        known = np.concatenate([x[:, np.array(on)] for x in along])
+    for acted in joints(seen):
+        known = np.concatenate([x[:, np.array(acted.on)] for x in along])
         known = known[np.isfinite(known)]
-        if known.size < PER_NODE * count or not np.ptp(known) > 0.0:
+        if known.size < PER_NODE * WAVES or not np.ptp(known) > 0.0:
             continue
-        nodes = np.linspace(known.min(), known.max(), count)
+        nodes = np.linspace(known.min(), known.max(), WAVES)
         kernels = [matern(nodes, length) for length in LENGTHS]
         if sides:
             kernels = [*beyond_mean(kernels, nodes, known),
@@ -126,7 +118,5 @@ def _of_joints(seen: Visible, name: str, ways: Sequence[Array], count: int,
         weights = [spline_basis(nodes, np.nan_to_num(x)) * np.isfinite(x)[..., None] for x in along]
         if sides:
             weights = [w * side[..., None] for w, side in zip(weights, sides, strict=True)]
-        acted = " ".join(compress(mechanism.actuators, on))
-        yield Made(f"a function of the way {name}{' by direction' if sides else ''} acting on "
-                   f"{acted}", columns_from(seen, JOINT, on, weights), kernels, sum(on) > 1,
-                   subject=acted, remedy=BOTH_WAYS)
+        yield acted.made(seen, f"a function of the way {name}{' by direction' if sides else ''}",
+                         weights, kernels, remedy=BOTH_WAYS)

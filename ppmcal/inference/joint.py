@@ -6,7 +6,7 @@ their columns, so that any sizes of theirs cost no more than small matrices.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -155,33 +155,22 @@ class _System:
                       for k, at in enumerate(self.at)]                          # (V, G, k, q)
         self.usual = [usual(roots, *ends, given[0].known)
                       for roots, ends in zip(self.roots, self.ends, strict=True)]
-        self.lifts = [self._lift(at, roots) for at, roots in zip(self.at, self.roots, strict=True)]
         widths = [roots.shape[3] for roots in self.roots]
         self.block = np.repeat(np.arange(len(widths)), widths)                  # (Q,)
-        views, count, every = len(self.right), self.block.size, self.right.shape[1]
-        # at the roots that were asked last: their numbers, lifts, and inner products
-        self.now = (np.full((views, len(widths)), -1), np.zeros((views, every, count)),
-                    np.zeros((views, count, every)), np.zeros((views, count, count)),
-                    np.zeros((views, count)))
-
-    def _lift(self, at: Sequence[int], roots: Array) -> Array:
-        """Return roots in the rows of all columns (V, G, c, q)."""
-        out = np.zeros((self.right.shape[1], *roots.shape[:2], roots.shape[3]))
-        np.add.at(out, np.array(at), np.moveaxis(roots, 2, 0))
-        return np.moveaxis(out, 0, 2)
+        self.turned = _Turned.nothing(len(self.right), len(widths), self.right.shape[1],
+                                      self.block.size)
 
     def along(self, k: int, sizes: Ints, grid: Ints) -> tuple[Array, Array, Array]:
         """Return log odds against none of them (V, S, G), block k at every size, others as set.
 
         First wherever its coefficient is, then with it between its ends; then without it (V,).
         """
-        across, inner, right = self._at_roots(grid)
-        at, rest = self.at[k], np.flatnonzero(self.block != k)
+        turned, at, rest = self._at_roots(grid), self.at[k], np.flatnonzero(self.block != k)
         scale = SIZES[sizes[:, self.block[rest]]][..., None]                    # (V, q, 1)
         factor = linalg.cholesky(np.eye(rest.size) + scale * np.swapaxes(scale, 1, 2)
-                                 * inner[:, rest[:, None], rest])
+                                 * turned.inner[:, rest[:, None], rest])
         held = linalg.solve_lower(factor, scale * np.concatenate(
-            [across[:, rest[:, None], at], right[:, rest, None]], axis=2))
+            [turned.across[:, rest[:, None], at], turned.right[:, rest, None]], axis=2))
         base = -np.sum(np.log(np.diagonal(factor, axis1=1, axis2=2)), axis=1)[:, None, None]
         gone = np.sum(held[..., -1] ** 2, axis=1)[:, None, None]
         taken = np.swapaxes(held[..., :-1], 1, 2) @ held                        # (V, k, k + 1)
@@ -199,40 +188,55 @@ class _System:
         inside -= self.usual[k][:, None, None]
         return np.swapaxes(out, 1, 2), np.swapaxes(out + inside, 1, 2), none
 
-    def _at_roots(self, grid: Ints) -> tuple[Array, Array, Array]:
-        """Return inner products of all blocks' columns at their roots (Q), as they are asked.
-
-        With all columns (V, Q, c), with each other (V, Q, Q), with the values (V, Q).
-        """
-        changed = np.flatnonzero((self.now[0] != grid).any(axis=0))
-        lifts, across, inner, right = self.now[1:]
+    def _at_roots(self, grid: Ints) -> _Turned:
+        """Return the columns of all blocks at their roots; what stays as it was is not redone."""
+        now, views = self.turned, np.arange(len(grid))
+        changed = np.flatnonzero((now.grid != grid).any(axis=0))
         places = [np.flatnonzero(self.block == k) for k in changed]
         for k, own in zip(changed, places, strict=True):
-            lifts[..., own] = self.lifts[k][np.arange(len(grid)), grid[:, k]]
+            now.lifts[:, np.array(self.at[k])[:, None], own] = self.roots[k][views, grid[:, k]]
         for own in places:
-            across[:, own] = np.swapaxes(lifts[..., own], 1, 2) @ self.inner
-            inner[:, own] = across[:, own] @ lifts
-            inner[..., own] = np.swapaxes(inner[:, own], 1, 2)
-            right[:, own] = np.einsum("vcq,vc->vq", lifts[..., own], self.right)
-        self.now[0][:] = grid
-        return across, inner, right
+            lift = now.lifts[..., own]
+            now.across[:, own] = np.swapaxes(lift, 1, 2) @ self.inner
+            now.inner[:, own] = now.across[:, own] @ now.lifts
+            now.inner[..., own] = np.swapaxes(now.inner[:, own], 1, 2)
+            now.right[:, own] = np.einsum("vcq,vc->vq", lift, self.right)
+        now.grid[:] = grid
+        return now
 
     def coefficients(self, sizes: Ints, grid: Ints
                      ) -> list[tuple[tuple[Array, ...], tuple[Array, ...]]]:
         """Return mean and standard deviation of each block's coefficients (k,), V times."""
-        lift = self._fixed(range(len(self.roots)), sizes, grid)
-        right = np.einsum("vcq,vc->vq", lift, self.right)
-        inverse = linalg.inv(np.eye(lift.shape[2]) + np.swapaxes(lift, 1, 2) @ self.inner @ lift)
+        turned, scale = self._at_roots(grid), SIZES[sizes[:, self.block]]       # (V, Q)
+        lift, right = turned.lifts * scale[:, None], turned.right * scale
+        inverse = linalg.inv(np.eye(self.block.size)
+                             + scale[..., None] * scale[:, None] * turned.inner)
         mean = np.einsum("vpq,vq->vp", inverse, right)
         gone = np.sum(right * mean, axis=1, keepdims=True)
-        scale = np.maximum(self.spread[..., 0] - gone, LEAST) / self.freedom
+        rest = np.maximum(self.spread[..., 0] - gone, LEAST) / self.freedom
         value = np.einsum("vcq,vq->vc", lift, mean)
-        sigma = np.sqrt(scale * np.maximum(np.sum((lift @ inverse) * lift, axis=2), 0.0))
+        sigma = np.sqrt(rest * np.maximum(np.sum((lift @ inverse) * lift, axis=2), 0.0))
         return [(tuple(v[at] for at in self.at), tuple(s[at] for at in self.at))
                 for v, s in zip(value, sigma, strict=True)]
 
-    def _fixed(self, some: Iterable[int], sizes: Ints, grid: Ints) -> Array:
-        """Return lifts of some blocks at their roots, times their sizes (V, c, q)."""
-        views = np.arange(len(self.right))
-        out = [self.lifts[i][views, grid[:, i]] * SIZES[sizes[:, i], None, None] for i in some]
-        return np.concatenate([np.zeros((*self.right.shape, 0)), *out], axis=2)
+
+@dataclass(frozen=True, eq=False)
+class _Turned:
+    """Columns of all blocks at their roots (Q), the numbers of which are ``grid`` (V, B).
+
+    ``lifts`` (V, c, Q): the roots in the rows of all columns. Inner products with these are
+    ``across`` (V, Q, c), with each other ``inner`` (V, Q, Q), with the values ``right`` (V, Q).
+    """
+
+    grid: Ints
+    lifts: Array
+    across: Array
+    inner: Array
+    right: Array
+
+    @classmethod
+    def nothing(cls, views: int, blocks: int, columns: int, count: int) -> _Turned:
+        """Return it of V views, B blocks, c columns and Q roots, of which none is known yet."""
+        return cls(np.full((views, blocks), -1), np.zeros((views, columns, count)),
+                   np.zeros((views, count, columns)), np.zeros((views, count, count)),
+                   np.zeros((views, count)))
