@@ -33,6 +33,8 @@ from ppmcal.io import read_mechanism
 BELTS = ("bl", "br", "tr", "tl")
 HEIGHTS = {"bl": 34.0, "br": 78.0, "tr": 56.0, "tl": 100.0}
 """Of the anchors above the router's plane, as the firmware has them, mm."""
+CONSTANTS = ("from_row", "low", "high")
+"""Where an effect acts, and no size of it."""
 SIDE = {"units": {"length": "mm", "angle": "deg"},
         "instrument": {"kind": "none", "sigma": {"actuator": 1.0, "estimated": True}}}
 
@@ -90,7 +92,7 @@ def one(data: Path, told: dict[str, tuple[str, tuple[float, float]]], run: str) 
     named = []
     for effect in said["effects"]:
         size = ", ".join(f"{v['value']:.3g} {v['unit']}".strip()
-                         for n, v in effect["parameters"].items() if n != "from_row")
+                         for n, v in effect["parameters"].items() if n not in CONSTANTS)
         on = "" if len(effect["on"]) == 4 else " on " + " ".join(effect["on"])
         named.append(f"{effect['kind']}{on} {size} ({effect['probability']:.2f})")
     unknown = "; ".join(u["looks_like"] for u in said["unknown"] if u["probability"] > 0.5)

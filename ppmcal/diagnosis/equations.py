@@ -27,14 +27,12 @@ from ppmcal.diagnosis.equation_forms import (
 )
 from ppmcal.diagnosis.learning import Learned, Term
 from ppmcal.diagnosis.linearisation import WEAK_VISIBILITY
-from ppmcal.diagnosis.term_candidates import Visible, columns_from
+from ppmcal.diagnosis.term_candidates import TWIN, Visible, columns_from
 from ppmcal.inference.priors import SELDOM, SURE
 from ppmcal.linalg import Array, Bools, Ints, without_range
 from ppmcal.model.effects import Setting
 from ppmcal.model.effects.learned import LearnedCurve
 
-TWIN = 0.9999
-"""Of two products that rows see so much alike (cosine), the simpler is tried."""
 BAND_DRAWS = 500
 
 

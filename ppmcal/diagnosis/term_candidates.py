@@ -35,6 +35,10 @@ MARGIN = 0.005
 """The first and the last node are beyond the data by this part of their range."""
 BEYOND = 30.0
 """A pose coordinate is an input where its range is so many times what residuals amount to."""
+TWIN = 0.9999
+"""Of two that rows see so much alike (cosine) one is tried."""
+WITHIN = 1e-6
+"""By which part one has to be seen better than another, beyond round-off."""
 PASSING = ("time",)
 """Inputs that no later command can have again: what follows them is reported, and not learned."""
 
@@ -75,6 +79,17 @@ class Visible:
         return frozenset(found)
 
     @cached_property
+    def coordinates(self) -> tuple[str, ...]:
+        """Coordinates of the pose that rows see by themselves.
+
+        A flat shows how far along it a platform is by its own tilt only, as a part of how high
+        that is: what would have to be millimetres there is micrometres across it.
+        """
+        every = self.system.problem.mechanism.coordinates
+        found = [np.zeros(6, dtype=bool), *(_by_itself(u.reshape(-1, 6)) for u in self.by_place)]
+        return tuple(c for c in every if np.any(found, axis=0)[PLACE[c]])
+
+    @cached_property
     def by_joint(self) -> list[Array]:
         """Column (N, m) of one unit of each joint coordinate, by part of the system."""
         return [_units(p.column, p.of_joints) for p in self.system.parts]
@@ -84,6 +99,19 @@ class Visible:
         """The same of one unit of each pose coordinate."""
         return [_units(p.column, [Shift(pose=np.tile(np.eye(6)[c], (len(p.response.pose), 1)))
                                   for c in range(6)]) for p in self.system.parts]
+
+
+def _by_itself(units: Array) -> Bools:
+    """Return which coordinates are seen, and not as a part of a better seen one of their kind (6,).
+
+    ``units`` (n, 6): columns of one unit of each coordinate.
+    """
+    size = np.linalg.norm(units, axis=0)
+    unit = units / np.where(size > 0.0, size, 1.0)
+    cosine = np.abs(unit.T @ unit)
+    kind = np.arange(6) // 3
+    better = (kind[:, None] == kind) & (size[:, None] < (1.0 - WITHIN) * size)
+    return np.asarray((size > 0.0) & ~np.any(better & (cosine > TWIN), axis=1))
 
 
 def _units(column: Callable[[Shift], Array], shifts: Sequence[Shift]) -> Array:
@@ -133,7 +161,7 @@ def forms(seen: Visible, everywhere: Sequence[Setting]
             yield from ((c, on) for c in _pairs(curve, here, everywhere, on))
         if source.of_machine:
             curve = _curve(source, here, everywhere, (True,) * k, "length")
-            for acts in mechanism.coordinates if curve is not None else ():
+            for acts in seen.coordinates if curve is not None else ():
                 assert curve is not None
                 yield replace(curve, acts=acts), (True,) * k
 

@@ -91,7 +91,8 @@ class UnknownCauses:
                        for alike in (False, True)}
             each = (1.0 - SHAPES.value) / len(groups) / sum(w > 0.0 for w in weights.values())
             shares += [(m, each * m.usual / weights[m.together]) for m in group]
-        shares += [(m, float(FAMILY) / float(UNKNOWN)) for m in self._of_references()]
+        shares += [(m, float(FAMILY) / float(UNKNOWN))
+                   for m in (*self._of_references(), *self._of_pulls())]
         found = [(m, cause) for m, share in shares if (cause := self._cause(m, share))]
         self.causes = [cause for _, cause in found]
         self.columns = MatrixColumns(np.hstack([
@@ -166,26 +167,34 @@ class UnknownCauses:
 
         At poses that is a function of its travel too fine for its course to be seen, such as a
         wave of a pitch that nobody listed; in rows a scatter of its own. One number that is not
-        taken twice does not tell it from noise. Limbs that pull against each other do so at each
-        pose by as much as friction leaves there.
+        taken twice does not tell it from noise.
         """
-        group, rows = self.system.group, self.system.group.size
-        poses, place = np.unique(group, return_inverse=True)
-        again = 1 < poses.size <= MOST_PLACES and 2 * poses.size <= rows
-        if again:
-            each = self._at_each(place)
-            for name, own in each.items():
-                yield Made(f"a function of travel too fine to be seen acting on {name}", own,
-                           subject=name, remedy=ALONE.format(name, "it"))
-            few = 2 * poses.size <= MOST_PLACES     # of all joints at once half as many
-            mechanism = self.system.problem.mechanism
-            if few and mechanism.surplus and len(set(mechanism.actuator_quantity)) == 1:
-                every = np.concatenate(list(each.values()), axis=1)
-                yield Made(PULLS, every, together=True)
+        for name, own in self._at_poses.items():
+            yield Made(f"a function of travel too fine to be seen acting on {name}", own,
+                       subject=name, remedy=ALONE.format(name, "it"))
+        rows = self.system.group.size
         if 1 < rows <= MOST_SCATTERED and self.system.count >= 2 * rows:
             for name, own in self._at_each(np.arange(rows)).items():
                 yield Made(f"something that differs from row to row acting on {name}", own,
                            subject=name, remedy=AGAIN.format(name))
+
+    def _of_pulls(self) -> Iterator[Made]:
+        """Yield what limbs that pull against each other do at each pose, as friction leaves it.
+
+        As usual as any kind: in two of three runs of a router on four belts it is there.
+        """
+        mechanism, each = self.system.problem.mechanism, [*self._at_poses.values()]
+        few = each and 2 * each[0].shape[1] <= MOST_PLACES      # of all joints at once half as many
+        if few and mechanism.surplus and len(set(mechanism.actuator_quantity)) == 1:
+            yield Made(PULLS, np.concatenate(each, axis=1), together=True)
+
+    @cached_property
+    def _at_poses(self) -> dict[str, Array]:
+        """What each joint's zero does by itself at each of P poses, none where they are new."""
+        group, rows = self.system.group, self.system.group.size
+        poses, place = np.unique(group, return_inverse=True)
+        again = 1 < poses.size <= MOST_PLACES and 2 * poses.size <= rows
+        return self._at_each(place) if again else {}
 
     def _at_each(self, place: Ints) -> dict[str, Array]:
         """Return what each joint's zero does by itself at each of P places; rows are at (N,)."""

@@ -114,8 +114,8 @@ def joints(seen: Visible) -> list[Acted]:
 
 
 def coordinates(seen: Visible) -> list[Acted]:
-    """Return the coordinates of the pose."""
-    return [Acted(c, c) for c in seen.system.problem.mechanism.coordinates]
+    """Return the coordinates of the pose that rows see by themselves."""
+    return [Acted(c, c) for c in seen.coordinates]
 
 
 def told(seen: Visible) -> list[str]:
@@ -184,7 +184,7 @@ def over_volume(seen: Visible) -> Iterator[Made]:
     values = where_it_is(seen)
     places = np.compress([PLACE[c] < 3 for c in told(seen)], values, axis=1)
     powers = np.concatenate([bends(values, 2), bends(places, 3)], axis=1)
-    for c in seen.system.problem.mechanism.coordinates if powers.size else ():
+    for c in seen.coordinates if powers.size else ():
         yield Made(f"a distortion of {c} over the workspace",
                    columns_from(seen, c, (), by_part(seen, powers)), subject=c, remedy=GAUGE)
 

@@ -62,8 +62,9 @@ def odds_of_narrow(given: Conditioned, square: Array, right: Array) -> Array:
     return odds_by_size(given, own, (right[..., None, :] @ turn)[..., 0, :] ** 2)
 
 
-def odds_of_wide(given: Conditioned, square: Array, right: Array) -> Array:
-    """Return the same without eigenvectors.
+def odds_of_wide(given: NoiseScale, square: Array, right: Array, gone: Array | float = 0.0
+                 ) -> Array:
+    """Return the same without eigenvectors; ``gone``: as of :func:`odds_by_size`.
 
     In a basis that begins with b and in which G is tridiagonal, pivots from its end are all that
     the determinant and b'(G + 1/s^2)^-1 b need, and this the last of them alone.
@@ -76,7 +77,7 @@ def odds_of_wide(given: Conditioned, square: Array, right: Array) -> Array:
         pivot = np.maximum(1.0 + grown * (diagonal[..., i, None] - grown
                                           * beside[..., i, None] ** 2 / pivot), 1.0)
         log_det += np.log(pivot)
-    rest = np.maximum(given.spread - grown * length[..., None] ** 2 / pivot, LEAST)
+    rest = np.maximum(given.spread - gone - grown * length[..., None] ** 2 / pivot, LEAST)
     return np.asarray(-0.5 * log_det - 0.5 * given.freedom * np.log(rest / given.spread))
 
 

@@ -7,19 +7,22 @@ their columns, so that any sizes of theirs cost no more than small matrices.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
 
 from ppmcal import linalg
 from ppmcal.inference.blocks import Block
-from ppmcal.inference.evidence import odds_by_size, small_eigh, within
+from ppmcal.inference.evidence import odds_by_size, odds_of_wide, small_eigh, within
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.ranges import LEAST, SIZES, bounded, usual
-from ppmcal.linalg import Array, Ints
+from ppmcal.linalg import Array, Bools, Ints
 
 SWEEPS = 6
 """Each size is chosen again, given the others, at most so often."""
+WIDEST = 64
+"""A block of more columns takes longer than all others together: its part is worked out apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +139,11 @@ def coefficients(given: Conditioned, block: Block) -> tuple[Array, Array]:
 
 
 class _System:
-    """Inner products of the columns of some blocks, given what is taken, for V correlations."""
+    """Inner products of the columns of some blocks, given what is taken, for V correlations.
+
+    ``spread`` (V, 1, 1): as of what is taken. ``base``, ``gone`` (V, 1, 1): log odds of blocks that
+    are taken beside it, and what these have explained of it.
+    """
 
     def __init__(self, given: Sequence[Conditioned], blocks: Sequence[Sequence[Block]]) -> None:
         every = [list(dict.fromkeys(c for b in own for c in b.columns)) for own in blocks]
@@ -155,38 +162,85 @@ class _System:
                       for k, at in enumerate(self.at)]                          # (V, G, k, q)
         self.usual = [usual(roots, *ends, given[0].known)
                       for roots, ends in zip(self.roots, self.ends, strict=True)]
+        self.base = self.gone = np.zeros((len(given), 1, 1))
+        self._begin()
+
+    def _begin(self) -> None:
+        """Count the blocks' columns; nothing is known of their inner products yet."""
         widths = [roots.shape[3] for roots in self.roots]
         self.block = np.repeat(np.arange(len(widths)), widths)                  # (Q,)
         self.turned = _Turned.nothing(len(self.right), len(widths), self.right.shape[1],
                                       self.block.size)
+        widest = int(np.argmax(widths))
+        self.widest = widest if widths[widest] > WIDEST and len(widths) > 1 else None
+        self._past: tuple[bytes, _System] | None = None
 
     def along(self, k: int, sizes: Ints, grid: Ints) -> tuple[Array, Array, Array]:
         """Return log odds against none of them (V, S, G), block k at every size, others as set.
 
         First wherever its coefficient is, then with it between its ends; then without it (V,).
         """
-        turned, at, rest = self._at_roots(grid), self.at[k], np.flatnonzero(self.block != k)
-        scale = SIZES[sizes[:, self.block[rest]]][..., None]                    # (V, q, 1)
-        factor = linalg.cholesky(np.eye(rest.size) + scale * np.swapaxes(scale, 1, 2)
-                                 * turned.inner[:, rest[:, None], rest])
-        held = linalg.solve_lower(factor, scale * np.concatenate(
-            [turned.across[:, rest[:, None], at], turned.right[:, rest, None]], axis=2))
-        base = -np.sum(np.log(np.diagonal(factor, axis1=1, axis2=2)), axis=1)[:, None, None]
-        gone = np.sum(held[..., -1] ** 2, axis=1)[:, None, None]
+        if self.widest not in (None, k):
+            others = np.arange(len(self.at)) != self.widest
+            return self._past_widest(sizes, grid).along(
+                int(np.sum(others[:k])), sizes[:, others], grid[:, others])
+        at = self.at[k]
+        held, base, gone = self._held(self.block != k, sizes, grid, at)
         taken = np.swapaxes(held[..., :-1], 1, 2) @ held                        # (V, k, k + 1)
         left = self.inner[:, at][..., at] - taken[..., :-1]
         along = (self.right[:, at] - taken[..., -1])[:, None, None]
         roots, (low, high) = self.roots[k], self.ends[k]
-        own, turn = small_eigh(np.swapaxes(roots, 2, 3) @ left[:, None] @ roots)
-        part = (along @ roots @ turn)[..., 0, :]
+        square = np.swapaxes(roots, 2, 3) @ left[:, None] @ roots
         rest = np.maximum(1.0 - gone / self.spread, LEAST)
         none = (base - 0.5 * self.freedom * np.log(rest))[:, 0, 0]
+        free = not bounded(low, high).size
+        if free and square.shape[-1] > WIDEST:
+            out = base + odds_of_wide(self, square, (along @ roots)[..., 0, :], gone)
+            return np.swapaxes(out, 1, 2), np.swapaxes(out, 1, 2), none
+        own, turn = small_eigh(square)
+        part = (along @ roots @ turn)[..., 0, :]
         out = base + odds_by_size(self, own, part**2, gone)
-        if not bounded(low, high).size:
+        if free:
             return np.swapaxes(out, 1, 2), np.swapaxes(out, 1, 2), none
         inside = within(self, roots @ turn, own, part, low[None], high[None], gone)
         inside -= self.usual[k][:, None, None]
         return np.swapaxes(out, 1, 2), np.swapaxes(out + inside, 1, 2), none
+
+    def _held(self, taken: Bools, sizes: Ints, grid: Ints, at: Sequence[int] | slice
+              ) -> tuple[Array, Array, Array]:
+        """Return what taken columns (Q,) hold of others and of the values (V, q, k + 1).
+
+        And the log odds of all that is taken, and what it has explained (V, 1, 1).
+        """
+        turned, rest = self._at_roots(grid), np.flatnonzero(taken)
+        scale = SIZES[sizes[:, self.block[rest]]][..., None]                    # (V, q, 1)
+        factor = linalg.cholesky(np.eye(rest.size) + scale * np.swapaxes(scale, 1, 2)
+                                 * turned.inner[:, rest[:, None], rest])
+        held = linalg.solve_lower(factor, scale * np.concatenate(
+            [turned.across[:, rest][..., at], turned.right[:, rest, None]], axis=2))
+        base = -np.sum(np.log(np.diagonal(factor, axis1=1, axis2=2)), axis=1)[:, None, None]
+        return held, self.base + base, self.gone + np.sum(held[..., -1:] ** 2, axis=1)[..., None]
+
+    def _past_widest(self, sizes: Ints, grid: Ints) -> _System:
+        """Return the system of the others, the widest taken as it is now; kept until that moves.
+
+        What the others say of each other beside it is asked for again and again.
+        """
+        wide = self.widest
+        assert wide is not None
+        key = sizes[:, wide].tobytes() + grid[:, wide].tobytes()
+        if self._past is None or self._past[0] != key:
+            held, base, gone = self._held(self.block == wide, sizes, grid, slice(None))
+            past = copy(self)
+            past.base, past.gone = base, gone
+            past.inner = self.inner - np.swapaxes(held[..., :-1], 1, 2) @ held[..., :-1]
+            past.right = self.right - (np.swapaxes(held[..., :-1], 1, 2) @ held[..., -1:])[..., 0]
+            for name in ("ends", "at", "roots", "usual"):
+                own = getattr(self, name)
+                setattr(past, name, [*own[:wide], *own[wide + 1:]])
+            past._begin()
+            self._past = key, past
+        return self._past[1]
 
     def _at_roots(self, grid: Ints) -> _Turned:
         """Return the columns of all blocks at their roots; what stays as it was is not redone."""

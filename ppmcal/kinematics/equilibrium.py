@@ -178,7 +178,7 @@ def _newton(model: Model, q: Array, closed: Array) -> Array:
             out[lost] = forward(model.take(lost), q[lost], of=of).pose
         if model.mechanism.surplus:
             out[rows] = least_of_minima(model.take(rows), q[rows], out[rows],
-                                        given_up=~finite_rows(out[rows]))
+                                        unreached=~finite_rows(out[rows]))
     return out
 
 

@@ -108,20 +108,20 @@ def forward(model: Model, q: Array, start: Array | None = None, start_q: Array |
 
 def least_of_minima(model: Model, q: Array, pose: Array, rare: float = STANDS_OUT_ANEW,
                     start: Array | None = None, start_q: Array | None = None,
-                    given_up: Bools | None = None) -> Array:
+                    unreached: Bools | None = None) -> Array:
     """Return poses (N, 8) of which far-off rows are where their limbs contradict each other least.
 
     Least squares have minima besides, in which limbs that agree elsewhere are kept apart. As many
     limbs as close the machine exactly lead from home to the right one, unless they meet a
     singularity on the way: several sets of them are tried, for rows that stand out: those whose
     gaps noise makes as rarely as ``rare``, and those without a pose. ``start`` (N, 8) and
-    ``start_q`` (N, k) are where the way begins, default home. ``given_up`` (N,): rows to which
+    ``start_q`` (N, k) are where the way begins, default home. ``unreached`` (N,): rows to which
     :func:`forward` found no way, by the same sets from the same home.
     """
-    return _least_of_minima(_Parts(model, q, len(q), start, start_q), pose, rare, given_up)
+    return _least_of_minima(_Parts(model, q, len(q), start, start_q), pose, rare, unreached)
 
 
-def _least_of_minima(parts: _Parts, pose: Array, rare: float, given_up: Bools | None = None
+def _least_of_minima(parts: _Parts, pose: Array, rare: float, unreached: Bools | None = None
                      ) -> Array:
     model, q, of = parts.model, parts.q, parts.of
     least = _gap_square(model, q, pose, of)
@@ -129,7 +129,7 @@ def _least_of_minima(parts: _Parts, pose: Array, rare: float, given_up: Bools | 
     most = _times_the_median(model.mechanism.surplus, rare)
     usual = np.median(known) if known.size else 0.0
     far = finite_rows(q) & ~(least <= most * usual + (ROUND_OFF * model.mechanism.reach) ** 2)
-    rows = np.flatnonzero(far if given_up is None else far & ~given_up)
+    rows = np.flatnonzero(far if unreached is None else far & ~unreached)
     if not rows.size:
         return pose
     pose = pose.copy()

@@ -167,4 +167,4 @@ def test_a_leg_that_settles_over_breaks_has_no_name() -> None:
     data = replace(found.dataset, q=q, columns={**found.dataset.columns, "time": time})
     place, = last_round(found.mechanism, data).places
     assert not place.named
-    assert place.label == "a slow course in time of the zero of leg1"
+    assert place.label == "a start-up transient in time of the zero of leg1"

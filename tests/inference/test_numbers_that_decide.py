@@ -30,6 +30,7 @@ OTHERS = {
         "unknown_causes.MOST_PLACES", "unknown_causes.MOST_SCATTERED", "unknown_courses.WAVES",
         "block_sets.ROUNDS", "blocks.CHUNK",
         "columns.KEPT", "correlation.BLOCK", "evidence.WIDE", "gross_rows.SWEEPS", "joint.SWEEPS",
+        "joint.WIDEST",
         "one_sided.HUBER",
         "moves.CLOSE", "moves.DEEP", "moves.FIRSTS", "moves.MOST",
         "moves.MOST_FORMS", "moves.SETS", "question.KEPT", "row_weights.AT_ONCE", "sets.MOVES",
@@ -47,7 +48,8 @@ OTHERS = {
         "candidates.SEEN", "cause_sizes.LINEAR", "held_out_gap.UNPREDICTED",
         "linear_system.INVISIBLE", "observed_directions.HALF", "onsets.IN_STATE", "onsets.LINEAR",
         "predictive.UNPREDICTED", "linearisation.VISIBLE", "linearisation.WEAK_VISIBILITY",
-        "term_candidates.BEYOND", "term_candidates.MARGIN", "equations.TWIN",
+        "term_candidates.BEYOND", "term_candidates.MARGIN", "term_candidates.TWIN",
+        "term_candidates.WITHIN",
         "left_out_schemes.LEVELS", "library_columns.FEW", "left_over_pattern.FEW"},
     # which words a shape has, what is drawn
     "words": {

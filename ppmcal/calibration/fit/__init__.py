@@ -80,6 +80,9 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.observation import turn_between as turn_between
     from ppmcal.calibration.fit.observation import typical_noise as typical_noise
     from ppmcal.calibration.fit.observation import values_per_row as values_per_row
+    from ppmcal.calibration.fit.other_assemblies import assembled_at as assembled_at
+    from ppmcal.calibration.fit.other_assemblies import assemblies as assemblies
+    from ppmcal.calibration.fit.other_assemblies import middle_row as middle_row
     from ppmcal.calibration.fit.other_branch import branch_findings as branch_findings
     from ppmcal.calibration.fit.other_branch import in_other_branch as in_other_branch
     from ppmcal.calibration.fit.outliers import GrossError as GrossError

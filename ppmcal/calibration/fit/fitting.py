@@ -15,11 +15,12 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.calibration.fit.fit_result import Fit, FitOptions
-from ppmcal.calibration.fit.gauss_newton import least_squares, prior_square
+from ppmcal.calibration.fit.fit_result import Fit, FitOptions, like_noise
+from ppmcal.calibration.fit.gauss_newton import cost, least_squares, prior_square
 from ppmcal.calibration.fit.linearisation import column_scale, parameter_scale, prior_weights
 from ppmcal.calibration.fit.normal_equations import normal_sums
 from ppmcal.calibration.fit.observation import coordinates, shown
+from ppmcal.calibration.fit.other_assemblies import other_starts
 from ppmcal.calibration.fit.outliers import gross_errors
 from ppmcal.calibration.fit.problem import Problem, State
 from ppmcal.calibration.fit.regularization import damped, gcv_scale
@@ -28,6 +29,7 @@ from ppmcal.calibration.fit.row_weighing import fit_rows, weighed
 from ppmcal.calibration.fit.unsolved_rows import NO_POSE, with_unsolved
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.inference.row_weights import improbability
+from ppmcal.kinematics.closure import Model
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.registration import Registration
@@ -47,7 +49,8 @@ def identify(problem: Problem, options: FitOptions | None = None, start: State |
     """Fit the free parameters and open frames to the data.
 
     Where no start is given and the fit does not come to its minimum, or fits no geometry, another
-    start of the frames is tried, and the better fit returned.
+    start of the frames is tried, and the better fit returned; of joint values alone that do not
+    fit, other poses in which the limbs close.
 
     Args:
         problem: machine, data and free parameters.
@@ -65,6 +68,9 @@ def identify(problem: Problem, options: FitOptions | None = None, start: State |
         return _fitted(problem, options, start or problem.start(), near, at_minimum)
     state = problem.start()
     fit = _fitted(problem, options, state, near, at_minimum)
+    blind = problem.free and all(d.kind.blind for d in problem.datasets)
+    if blind and not like_noise(fit.information):
+        fit = _elsewhere(fit, state, options)
     if problem.free and fit.converged:
         return fit
     registrations = _stepwise(problem, state, options.robust)
@@ -73,6 +79,31 @@ def identify(problem: Problem, options: FitOptions | None = None, start: State |
     state = problem.solve(replace(state, registrations=registrations))
     other = _fitted(problem, options, state, near, at_minimum)
     return min((fit, other), key=lambda f: loss(f, options.robust))
+
+
+def _elsewhere(fit: Fit, state: State, options: FitOptions) -> Fit:
+    """Return the better of a fit of joint values alone and one from where else limbs close.
+
+    As long as the geometry is off, limbs may close best on both sides of where the platform is. The
+    other fit counts as far as its machine comes to its rows from home.
+    """
+    problem, prior = fit.problem, prior_weights(fit.problem, options.method)
+    keep = _usable(problem, state)[0]
+    few, start = problem, state
+    if sum(int(k.sum()) for k in keep) > MANY_ROWS:
+        few, start = _thinned(problem, state, keep)
+    tried = []
+    for other in other_starts(few, start):
+        rows = _usable(few, other)[0]
+        near = least_squares(few, other, rows, prior, STAGE_ITERATIONS, None, rough=True).state
+        tried.append((cost(few, near, rows, prior, None), len(tried), near))
+    if not tried:
+        return fit
+    g = _fitted(few, options, min(tried)[2], False, False).state.g
+    home = Model(problem.mechanism, g)
+    poses = tuple(problem.reached(i, home) for i in range(len(problem.datasets)))
+    again = _fitted(problem, options, State(g, state.registrations, poses), False, False)
+    return min((fit, again), key=lambda f: loss(f, options.robust))
 
 
 def _stepwise(problem: Problem, state: State, robust: bool) -> tuple[Registration, ...] | None:

@@ -157,9 +157,11 @@ def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: 
                                summed)
             if not another_step():
                 return _given_up(problem, state, keep, prior, rough, count, summed)
-            trial = problem.moved(state, step)
+            with np.errstate(over="ignore", invalid="ignore"):  # a step may lead out of all numbers
+                trial = problem.moved(state, step)
+                after = cost(problem, trial, keep, prior, weights)
             better: State | None = trial
-            if cost(problem, trial, keep, prior, weights) >= before:
+            if not after < before:
                 better = None
                 if damping == 0.0:
                     better = _second_chance(problem, trial, keep, prior, weights, now, before)
