@@ -181,7 +181,7 @@ class UnknownCauses:
     def _of_pulls(self) -> Iterator[Made]:
         """Yield what limbs that pull against each other do at each pose, as friction leaves it.
 
-        As usual as any kind: in two of three runs of a router on four belts it is there.
+        As usual as any kind: in most runs of a router on four belts it is there.
         """
         mechanism, each = self.system.problem.mechanism, [*self._at_poses.values()]
         few = each and 2 * each[0].shape[1] <= MOST_PLACES      # of all joints at once half as many

@@ -146,7 +146,8 @@ def row_known(shift: Shift | None, rows: int) -> NDArray[np.bool_]:
     return usable
 
 
-def settle(model: Model, q: Array, rows: Environment, closed: Array) -> tuple[Array, Model]:
+def settle(model: Model, q: Array, rows: Environment, closed: Array, wary: bool = True
+           ) -> tuple[Array, Model]:
     """Return closed poses (N, 8) near ``closed`` with the effects in equilibrium, and the model.
 
     Rows that do not settle become nan.
@@ -156,16 +157,17 @@ def settle(model: Model, q: Array, rows: Environment, closed: Array) -> tuple[Ar
         q: joint values (N, k).
         rows: the environment that effects depend on, N rows.
         closed: platform motors (N, 8) to start from, without the effects' own twist.
+        wary: of surplus limbs whether rows that stand out are looked at again.
     """
     now = shifted(model, rows, q, closed)
     n = q.shape[0]
     if not uses_load(model.mechanism):
-        return _newton(now, q, closed), now
+        return _newton(now, q, closed, wary), now
     return _settle(model, q, rows, _newton(now, q, np.where(
-        row_known(now.shift, n)[:, None], closed, np.nan)))
+        row_known(now.shift, n)[:, None], closed, np.nan), wary), wary)
 
 
-def _newton(model: Model, q: Array, closed: Array) -> Array:
+def _newton(model: Model, q: Array, closed: Array, wary: bool = True) -> Array:
     """Solve the closure from warm poses; rows that fail are led from home."""
     out = np.full_like(closed, np.nan)
     rows = np.flatnonzero(finite_rows(closed) & finite_rows(q) & row_known(model.shift, q.shape[0]))
@@ -176,13 +178,14 @@ def _newton(model: Model, q: Array, closed: Array) -> Array:
         lost = rows[~converged]
         if lost.size:
             out[lost] = forward(model.take(lost), q[lost], of=of).pose
-        if model.mechanism.surplus:
+        if wary and model.mechanism.surplus:
             out[rows] = least_of_minima(model.take(rows), q[rows], out[rows],
                                         unreached=~finite_rows(out[rows]))
     return out
 
 
-def _settle(model: Model, q: Array, rows: Environment, closed: Array) -> tuple[Array, Model]:
+def _settle(model: Model, q: Array, rows: Environment, closed: Array, wary: bool = True
+            ) -> tuple[Array, Model]:
     """Repeat closure and loads until they belong together; rows that will not become nan at once.
 
     Only rows that still move are solved again, and loads once in each round: the cost is that of
@@ -195,7 +198,7 @@ def _settle(model: Model, q: Array, rows: Environment, closed: Array) -> tuple[A
     active = np.flatnonzero(finite_rows(closed))
     last = np.full(q.shape[0], np.inf)
     for left in range(ROUNDS - 1, -1, -1):
-        new = _newton(now.take(active), q[active], closed[active])
+        new = _newton(now.take(active), q[active], closed[active], wary)
         moved_by = np.abs(cga.translation(new) - cga.translation(closed[active])).max(axis=1)
         closed[active] = new
         before, now = now, shifted_once(now, rows, q, closed)

@@ -158,7 +158,7 @@ def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: 
             if not another_step():
                 return _given_up(problem, state, keep, prior, rough, count, summed)
             with np.errstate(over="ignore", invalid="ignore"):  # a step may lead out of all numbers
-                trial = problem.moved(state, step)
+                trial = problem.moved(state, step, wary=False)
                 after = cost(problem, trial, keep, prior, weights)
             better: State | None = trial
             if not after < before:
@@ -166,7 +166,8 @@ def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: 
                 if damping == 0.0:
                     better = _second_chance(problem, trial, keep, prior, weights, now, before)
             if better is not None:
-                state = better
+                # to look for other minima of surplus limbs takes long: where a step is kept
+                state = problem.solve(better) if problem.mechanism.surplus else better
                 damping = damping / 10.0 if damping > SMALLEST_DAMPING else 0.0
                 break
             damping = max(10.0 * damping, SMALLEST_DAMPING)
@@ -210,7 +211,7 @@ def _second_chance(problem: Problem, trial: State, keep: Sequence[Bools], prior:
     there = linearised(problem, trial, keep, prior, weights, now.information is None)
     if any(problem.noisy_closure) and there.promise < SETTLING * now.promise:
         return trial
-    trial = problem.moved(trial, there.small.step()[0])
+    trial = problem.moved(trial, there.small.step()[0], wary=False)
     return trial if cost(problem, trial, keep, prior, weights) < before else None
 
 

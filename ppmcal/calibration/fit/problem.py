@@ -232,11 +232,14 @@ class Problem:
         """Return the index of the data set whose frame ``data`` uses."""
         return next(i for i, d in enumerate(self.datasets) if d.name == data.frame.same_as)
 
-    def solve(self, state: State) -> State:
-        """Return the state with its poses solved anew at its parameters."""
+    def solve(self, state: State, wary: bool = True) -> State:
+        """Return the state with its poses solved anew at its parameters.
+
+        ``wary``: as of :func:`ppmcal.kinematics.equilibrium.settle`.
+        """
         model = Model(self.mechanism, state.g)
         poses = tuple(np.concatenate([
-            np.concatenate([settle(model, q, environment, pose)[0]
+            np.concatenate([settle(model, q, environment, pose, wary)[0]
                             for q, pose in self.ends(i, state, rows)], axis=1)
             for rows, environment in self.chunks(i)]) for i in range(len(self.datasets)))
         return replace(state, poses=poses)
@@ -281,8 +284,8 @@ class Problem:
         """Return the joint values of a data set with its homing shifts applied (N, k)."""
         return self.datasets[index].q + state.registrations[index].homing
 
-    def moved(self, state: State, step: Array) -> State:
-        """Return the state moved by a step (C,), poses solved anew."""
+    def moved(self, state: State, step: Array, wary: bool = True) -> State:
+        """Return the state moved by a step (C,), poses solved anew; ``wary``: as of the solver."""
         g = state.g.copy()
         for p, s in zip(self.free, step[:len(self.free)].tolist(), strict=True):
             g[p] = self.mechanism.parameters[p].stepped(float(g[p]), s)
@@ -290,7 +293,7 @@ class Problem:
                               for s, o in zip(state.registrations, self.opens, strict=True))
         there = State(g, registrations, state.poses)
         homed = any(o.homing.stop > o.homing.start for o in self.opens)
-        return self.solve(there) if self.free or homed else there
+        return self.solve(there, wary) if self.free or homed else there
 
     def rows(self, state: State, jacobian: bool = True,
              keep: Sequence[NDArray[np.bool_]] | None = None) -> Iterator[Rows]:
