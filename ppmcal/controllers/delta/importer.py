@@ -15,7 +15,7 @@ import yaml
 
 from ppmcal.calibration.fit import Problem
 from ppmcal.calibration.validation import DEFINITION, before
-from ppmcal.controllers.delta.files import RODS, SCALES, files, rods_of
+from ppmcal.controllers.delta.files import RODS, SCALES, SHRUNK, files, rods_of
 from ppmcal.controllers.delta.geometry import SMALLEST
 from ppmcal.controllers.delta.printer import Printer, PrinterReader
 from ppmcal.errors import BadInput, PpmcalError, unknown
@@ -124,11 +124,17 @@ class ImportedPrinter:
         """Errors of the written machine on each table of touches, mm, and their definition."""
         return printer_before(self._texts)
 
+    @property
+    def _size(self) -> str:
+        """What printers of either size agree with, and where distances are of a part, its own."""
+        shrinks = f" (a printed part shrinks, to {SHRUNK[0]:g} to {SHRUNK[1]:g} of its length)"
+        return self.printer.size and self.printer.size + shrinks * (self.scale == "printed")
+
     def headline(self) -> str:
         """Return what the file holds."""
         beds = "".join(f"; {len(m.rows)} touches of mesh {m.name}"
                        for m in self.printer.meshes)
-        size = f"{self.printer.size}." if self.printer.size else ""
+        size = f"{self._size}." if self._size else ""
         return (f"{self.file}: a delta printer with "
                 f"{pluralize(len(self.printer.heights), 'height')} and "
                 f"{pluralize(len(self.printer.distances), 'distance')}{beds}; rods {self.rods}. "
@@ -142,7 +148,7 @@ class ImportedPrinter:
                 "rods": self.rods, "scale": self.scale if self.printer.distances else None,
                 "nominal": nominal.geometry.named(), "nominal_from": nominal.origin,
                 "saved": self.printer.calibration.named() if self.printer.calibrated else None,
-                "saved_off": dict(self.printer.off), "size": self.printer.size or None,
+                "saved_off": dict(self.printer.off), "size": self._size or None,
                 "before": dict(self.before)}
 
 

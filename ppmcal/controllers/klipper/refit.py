@@ -14,7 +14,7 @@ import numpy as np
 import yaml
 
 from ppmcal.calibration.fit import Fit, FitOptions, Problem, identify
-from ppmcal.controllers.delta.files import SHRUNK, machine_yaml
+from ppmcal.controllers.delta.files import machine_yaml
 from ppmcal.controllers.delta.geometry import ANGLES, MM, TOWERS, DeltaGeometry
 from ppmcal.controllers.delta.importer import touches
 from ppmcal.controllers.delta.printer import Printer
@@ -70,8 +70,7 @@ def size_sentence(printer: Printer) -> str:
     shown = too_long(by_rods.state.registrations[1].scale)
     return (f"Size: longer rods and longer distances look alike. If the distances are true, the "
             f"rods are {rods:.2f} mm; if the rods are {own}"
-            f"{' mm' if len(set(meant)) == 1 else ''}, the distances read {shown} (a "
-            f"printed part shrinks, to {SHRUNK[0]:g} to {SHRUNK[1]:g} of its length)")
+            f"{' mm' if len(set(meant)) == 1 else ''}, the distances read {shown}")
 
 
 def _fitted(printer: Printer, rods: str, scale: str = "known") -> Fit | None:
