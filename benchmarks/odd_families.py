@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from inspect import isfunction
 from types import ModuleType
 
+import odd_couplings
 import odd_joints
 import odd_noise
 import odd_readings
@@ -28,7 +29,7 @@ def families_of(module: ModuleType) -> dict[str, Family]:
             and do.__module__ == module.__name__ and not name.startswith("_")}
 
 
-EVERY = families_of(odd_joints) | families_of(odd_readings)
+EVERY = families_of(odd_joints) | families_of(odd_readings) | families_of(odd_couplings)
 NOISE = families_of(odd_noise)
 FAMILIES: Mapping[str, Family] = {"nothing": nothing, **EVERY, **NOISE}
 GROUPS: Mapping[str, tuple[str, ...]] = {
@@ -38,7 +39,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
 REVERSAL = {"backlash", "play", "hysteresis"}
 RIGHT: dict[str, set[str]] = {
     "crooked_wave": {"periodic"}, "swelling_wave": {"periodic"}, "two_waves": {"periodic"},
-    "bent_nut": {"periodic"}, "wave_under_load": {"periodic"},
+    "bent_nut": {"periodic"}, "wave_under_load": {"periodic"}, "fading_wave": {"periodic"},
     "reversal": REVERSAL, "loaded_reversal": REVERSAL, "half_a_reversal": REVERSAL,
     "dead_zone": REVERSAL, "side_under_load": REVERSAL,
     "homed_anew": {"zero_shift"}, "homed_often": {"zero_shift"}, "slips": {"zero_shift"},
