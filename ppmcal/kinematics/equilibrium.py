@@ -23,7 +23,14 @@ from ppmcal.kinematics.effect_response import (
     shifted_once,
     slots_apart,
 )
-from ppmcal.kinematics.forward import Forward, forward, least_of_minima, moved, newton
+from ppmcal.kinematics.forward import (
+    Forward,
+    Minima,
+    forward,
+    least_of_minima,
+    moved,
+    newton,
+)
 from ppmcal.kinematics.inverse import inverse
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Environment, unknown_environment
@@ -146,8 +153,8 @@ def row_known(shift: Shift | None, rows: int) -> NDArray[np.bool_]:
     return usable
 
 
-def settle(model: Model, q: Array, rows: Environment, closed: Array, wary: bool = True
-           ) -> tuple[Array, Model]:
+def settle(model: Model, q: Array, rows: Environment, closed: Array, wary: bool = True,
+           minima: Minima | None = None) -> tuple[Array, Model]:
     """Return closed poses (N, 8) near ``closed`` with the effects in equilibrium, and the model.
 
     Rows that do not settle become nan.
@@ -158,16 +165,18 @@ def settle(model: Model, q: Array, rows: Environment, closed: Array, wary: bool 
         rows: the environment that effects depend on, N rows.
         closed: platform motors (N, 8) to start from, without the effects' own twist.
         wary: of surplus limbs whether rows that stand out are looked at again.
+        minima: of a fit on its way, to which is added.
     """
     now = shifted(model, rows, q, closed)
     n = q.shape[0]
     if not uses_load(model.mechanism):
-        return _newton(now, q, closed, wary), now
+        return _newton(now, q, closed, wary, minima), now
     return _settle(model, q, rows, _newton(now, q, np.where(
-        row_known(now.shift, n)[:, None], closed, np.nan), wary), wary)
+        row_known(now.shift, n)[:, None], closed, np.nan), wary, minima), wary, minima)
 
 
-def _newton(model: Model, q: Array, closed: Array, wary: bool = True) -> Array:
+def _newton(model: Model, q: Array, closed: Array, wary: bool = True,
+            minima: Minima | None = None) -> Array:
     """Solve the closure from warm poses; rows that fail are led from home."""
     out = np.full_like(closed, np.nan)
     rows = np.flatnonzero(finite_rows(closed) & finite_rows(q) & row_known(model.shift, q.shape[0]))
@@ -180,12 +189,12 @@ def _newton(model: Model, q: Array, closed: Array, wary: bool = True) -> Array:
             out[lost] = forward(model.take(lost), q[lost], of=of).pose
         if wary and model.mechanism.surplus:
             out[rows] = least_of_minima(model.take(rows), q[rows], out[rows],
-                                        unreached=~finite_rows(out[rows]))
+                                        unreached=~finite_rows(out[rows]), minima=minima)
     return out
 
 
-def _settle(model: Model, q: Array, rows: Environment, closed: Array, wary: bool = True
-            ) -> tuple[Array, Model]:
+def _settle(model: Model, q: Array, rows: Environment, closed: Array, wary: bool = True,
+            minima: Minima | None = None) -> tuple[Array, Model]:
     """Repeat closure and loads until they belong together; rows that will not become nan at once.
 
     Only rows that still move are solved again, and loads once in each round: the cost is that of
@@ -198,7 +207,7 @@ def _settle(model: Model, q: Array, rows: Environment, closed: Array, wary: bool
     active = np.flatnonzero(finite_rows(closed))
     last = np.full(q.shape[0], np.inf)
     for left in range(ROUNDS - 1, -1, -1):
-        new = _newton(now.take(active), q[active], closed[active], wary)
+        new = _newton(now.take(active), q[active], closed[active], wary, minima)
         moved_by = np.abs(cga.translation(new) - cga.translation(closed[active])).max(axis=1)
         closed[active] = new
         before, now = now, shifted_once(now, rows, q, closed)

@@ -37,6 +37,8 @@ CLOSED = 1e-12
 STANDS_OUT, STANDS_OUT_ANEW = 3.3e-2, 1e-4
 """Rows of surplus limbs whose squared gaps noise makes so large as rarely as this are looked at
 again: on the way from home, and where a fit moves on from poses that were."""
+SAME = 6
+"""Minima that agree to so many digits are one."""
 ROUND_OFF = 1e-10
 
 
@@ -106,9 +108,29 @@ def forward(model: Model, q: Array, start: Array | None = None, start_q: Array |
     return Forward(result, progress >= 1.0, progress)
 
 
+@dataclass(frozen=True, eq=False)
+class Minima:
+    """Where rows that stood out were led to, by their joint values: poses (m, 8) of each.
+
+    A fit that moves on finds them near there, which takes a hundredth of leading them from home.
+    """
+
+    known: dict[bytes, Array] = field(default_factory=dict)
+
+    def of(self, q: Array, rows: Ints) -> list[Array | None]:
+        """Return what is known of each of some rows of joint values (N, k)."""
+        return [self.known.get(q[n].tobytes()) for n in rows]
+
+    def add(self, q: Array, rows: Ints, poses: Array) -> None:
+        """Keep poses (s, n, 8) of rows, each once; nan is none."""
+        for n, own in zip(rows, np.swapaxes(poses, 0, 1), strict=True):
+            _, first = np.unique(np.round(own, SAME), axis=0, return_index=True)
+            self.known[q[n].tobytes()] = own[first[finite_rows(own[first])]]
+
+
 def least_of_minima(model: Model, q: Array, pose: Array, rare: float = STANDS_OUT_ANEW,
                     start: Array | None = None, start_q: Array | None = None,
-                    unreached: Bools | None = None) -> Array:
+                    unreached: Bools | None = None, minima: Minima | None = None) -> Array:
     """Return poses (N, 8) of which far-off rows are where their limbs contradict each other least.
 
     Least squares have minima besides, in which limbs that agree elsewhere are kept apart. As many
@@ -116,13 +138,14 @@ def least_of_minima(model: Model, q: Array, pose: Array, rare: float = STANDS_OU
     singularity on the way: several sets of them are tried, for rows that stand out: those whose
     gaps noise makes as rarely as ``rare``, and those without a pose. ``start`` (N, 8) and
     ``start_q`` (N, k) are where the way begins, default home. ``unreached`` (N,): rows to which
-    :func:`forward` found no way, by the same sets from the same home.
+    :func:`forward` found no way, by the same sets from the same home. ``minima``: of a fit on its
+    way, to which is added.
     """
-    return _least_of_minima(_Parts(model, q, len(q), start, start_q), pose, rare, unreached)
+    return _least_of_minima(_Parts(model, q, len(q), start, start_q), pose, rare, unreached, minima)
 
 
-def _least_of_minima(parts: _Parts, pose: Array, rare: float, unreached: Bools | None = None
-                     ) -> Array:
+def _least_of_minima(parts: _Parts, pose: Array, rare: float, unreached: Bools | None = None,
+                     minima: Minima | None = None) -> Array:
     model, q, of = parts.model, parts.q, parts.of
     least = _gap_square(model, q, pose, of)
     known = least[np.isfinite(least)]
@@ -133,11 +156,26 @@ def _least_of_minima(parts: _Parts, pose: Array, rare: float, unreached: Bools |
     if not rows.size:
         return pose
     pose = pose.copy()
-    for some in exact_sets(model.mechanism):
-        found, converged, _ = parts.led(some, rows)
+
+    def take(rows: Ints, found: Array, converged: Bools) -> None:
         value = np.where(converged, _gap_square(model.take(rows), q[rows], found, of), np.inf)
         better = value < np.where(np.isfinite(least[rows]), 0.99 * least[rows], np.inf)
         pose[rows[better]], least[rows[better]] = found[better], value[better]
+
+    before = Minima().of(q, rows) if minima is None else minima.of(q, rows)
+    for n in range(max((len(b) for b in before if b is not None), default=0)):
+        there = [(row, b[n]) for row, b in zip(rows, before, strict=True) if b is not None
+                 and len(b) > n]
+        some, begin = np.array([row for row, _ in there]), np.array([b for _, b in there])
+        take(some, *newton(model.take(some).closure(q[some]), begin, of=of)[:2])
+    rows = rows[[b is None for b in before]]
+    every = []
+    for limbs in exact_sets(model.mechanism) if rows.size else ():
+        found, converged, _ = parts.led(limbs, rows)
+        take(rows, found, converged)
+        every.append(np.where(converged[:, None], found, np.nan))
+    if minima is not None and every:
+        minima.add(q, rows, np.array(every))
     return pose
 
 

@@ -52,7 +52,8 @@ class Search:
             return SimpleNamespace(x=x, poses=(np.zeros((1, 8)),))
 
         problem: Any = SimpleNamespace(size=len(start), datasets=(), noisy_closure=(),
-                                       moved=lambda s, step: at(s.x + step))
+                                       moved=lambda s, step, wary=True: at(s.x + step),
+                                       kept=lambda s, _: s)
         return least_squares(problem, at(np.array(start)), [np.ones(1, dtype=bool)],
                              np.zeros(len(start)), iterations, **options)
 
@@ -148,11 +149,12 @@ def test_a_step_too_small_to_be_judged_is_taken_unjudged(monkeypatch: pytest.Mon
 def test_a_last_step_that_loses_a_pose_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     search = Search(monkeypatch, lambda x: 1e-6 * (x - 1.0), lambda x: 1e-6 * np.eye(1))
 
-    def moved(state: Any, step: Array) -> Any:
+    def moved(state: Any, step: Array, wary: bool = True) -> Any:
         return SimpleNamespace(x=state.x + step, poses=(np.full((1, 8), np.nan),))
 
     start: Any = SimpleNamespace(x=np.zeros(1), poses=(np.zeros((1, 8)),))
-    problem: Any = SimpleNamespace(size=1, datasets=(), noisy_closure=(), moved=moved)
+    problem: Any = SimpleNamespace(size=1, datasets=(), noisy_closure=(), moved=moved,
+                                   kept=lambda s, _: s)
     found = least_squares(problem, start, [np.ones(1, dtype=bool)], np.zeros(1), 5)
     assert found.state is start
     assert (found.converged, search.costs) == (True, 0)
@@ -168,7 +170,7 @@ def test_nothing_is_linearised_where_no_row_has_a_pose(monkeypatch: pytest.Monke
 
     Search(monkeypatch, lambda x: x - 1.0, slope)
 
-    def moved(state: Any, step: Array) -> Any:
+    def moved(state: Any, step: Array, wary: bool = True) -> Any:
         x = state.x + step
         return SimpleNamespace(x=x, poses=(np.array([[0.0], [np.nan if x[0] > 0.95 else 0.0]]),))
 
@@ -177,7 +179,8 @@ def test_nothing_is_linearised_where_no_row_has_a_pose(monkeypatch: pytest.Monke
 
     monkeypatch.setattr(gauss_newton, "cost", cost)
     start: Any = SimpleNamespace(x=np.zeros(1), poses=(np.zeros((2, 1)),))
-    problem: Any = SimpleNamespace(size=1, datasets=(), noisy_closure=(), moved=moved)
+    problem: Any = SimpleNamespace(size=1, datasets=(), noisy_closure=(), moved=moved,
+                                   kept=lambda s, _: s)
     found: Any = least_squares(problem, start, [np.ones(2, dtype=bool)], np.zeros(1), 3).state
     assert 0.4 < found.x[0] <= 0.95
     assert max(asked) <= 0.95

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from helpers.dense import density, summed
@@ -13,7 +15,7 @@ from ppmcal.inference.columns import MatrixColumns
 from ppmcal.inference.evidence import total
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.joint import _System as system
-from ppmcal.inference.joint import coefficients, joint, taken_blocks
+from ppmcal.inference.joint import coefficients, joint, joint_of_each, taken_blocks
 from ppmcal.inference.ranges import SIZES
 from ppmcal.linalg import Array
 
@@ -154,3 +156,21 @@ def test_what_is_taken_is_what_was_chosen() -> None:
     # sizes are integrated, so that less is there than where they are largest
     assert taken.log_evidence - 2 * np.log(len(SIZES)) < both.log_evidence < taken.log_evidence
     assert np.abs(taken.right[:2]).max() < 0.2 * np.abs(given.right[:2]).max()
+
+
+def test_a_wide_block_that_is_worked_out_apart_changes_nothing(monkeypatch: pytest.MonkeyPatch
+                                                               ) -> None:
+    """For each correlation, with sizes on the way to the likeliest that move it."""
+    rng, widths = np.random.default_rng(5), [5, 40, 1, 24]
+    columns = rng.normal(size=(120, sum(widths)))
+    values = columns[:, :45] @ rng.normal(0.0, 0.3, 45) + rng.normal(size=120)
+    ends = np.cumsum([0, *widths]).tolist()
+    blocks = [Block(f"b{n}", f"f{n}", tuple(range(*own)), 0.0)
+              for n, own in enumerate(pairwise(ends))]
+    given = [Conditioned.nothing(MatrixColumns(columns), scale * values) for scale in (1.0, 1.3)]
+    whole = joint_of_each(given, [blocks, blocks])
+    monkeypatch.setattr("ppmcal.inference.joint.WIDEST", 8)
+    for one, apart in zip(whole, joint_of_each(given, [blocks, blocks]), strict=True):
+        assert apart.log_evidence == pytest.approx(one.log_evidence, abs=1e-6)
+        assert np.array_equal(apart.sizes, one.sizes)
+        np.testing.assert_allclose(apart.without, one.without, atol=1e-6)

@@ -1,5 +1,7 @@
 """Closure by least squares, compiled, against NumPy's: where it ends, and what has no such form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
@@ -12,6 +14,7 @@ from ppmcal.kinematics import forward as forward_module
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import settle
 from ppmcal.kinematics.forward import (
+    Minima,
     forward,
     least_of_minima,
     moved,
@@ -99,6 +102,20 @@ def test_rows_in_another_minimum_are_found_alike(rows, monkeypatch):
     off[::5] = np.nan
     plain, fast = both(monkeypatch, lambda: least_of_minima(model, q, off))
     np.testing.assert_allclose(fast, plain, atol=1e-10)
+
+
+@pytest.mark.long_cases("cables")
+def test_minima_that_are_remembered_are_those_that_home_leads_to(rows):
+    """Of a machine a little farther on in its fit: from near, or from home."""
+    model, q, there = rows
+    off, minima = there.copy(), Minima()
+    off[::5] = np.nan
+    first = least_of_minima(model, q, off, minima=minima)
+    np.testing.assert_array_equal(first, least_of_minima(model, q, off))
+    assert minima.known
+    later = replace(model, g=model.parameters * (1.0 + 1e-6))
+    np.testing.assert_allclose(least_of_minima(later, q, off, minima=minima),
+                               least_of_minima(later, q, off), atol=1e-8)
 
 
 def test_gaps_are_those_of_the_closure(rows, monkeypatch):

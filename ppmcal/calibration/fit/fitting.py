@@ -92,7 +92,7 @@ def _elsewhere(fit: Fit, state: State, options: FitOptions) -> Fit:
     few, start = problem, state
     if sum(int(k.sum()) for k in keep) > MANY_ROWS:
         few, start = _thinned(problem, state, keep)
-    tried = []
+    tried: list[tuple[float, int, State]] = []
     for other in other_starts(few, start):
         rows = _usable(few, other)[0]
         near = least_squares(few, other, rows, prior, STAGE_ITERATIONS, None, rough=True).state

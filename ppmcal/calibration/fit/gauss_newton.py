@@ -25,6 +25,7 @@ from ppmcal.calibration.fit.linearisation import (
 from ppmcal.calibration.fit.normal_equations import normal_sums, row_squares
 from ppmcal.calibration.fit.problem import Problem, State
 from ppmcal.calibration.fit.work import another_step
+from ppmcal.kinematics.forward import Minima
 from ppmcal.linalg import Array, Bools
 from ppmcal.wording.progress import note
 
@@ -129,7 +130,7 @@ def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: 
     """
     rough = rough or weigh is not None
     damping, by_sums, summed = 0.0, True, 0
-    unit = column_scale(problem)
+    unit, minima = column_scale(problem), Minima()
     for count in range(1, iterations + 1):
         weights = weigh(state) if weigh else None
         now = linearised(problem, state, keep, prior, weights, by_sums)
@@ -166,8 +167,7 @@ def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: 
                 if damping == 0.0:
                     better = _second_chance(problem, trial, keep, prior, weights, now, before)
             if better is not None:
-                # to look for other minima of surplus limbs takes long: where a step is kept
-                state = problem.solve(better) if problem.mechanism.surplus else better
+                state = problem.kept(better, minima)
                 damping = damping / 10.0 if damping > SMALLEST_DAMPING else 0.0
                 break
             damping = max(10.0 * damping, SMALLEST_DAMPING)

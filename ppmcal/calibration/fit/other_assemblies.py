@@ -47,7 +47,9 @@ def assembled_at(mechanism: Mechanism, pose: Array, q: Array) -> Mechanism:
 def other_starts(problem: Problem, state: State) -> Iterator[State]:
     """Yield a state with the poses that rows are led to from each other pose of their middle."""
     middle = middle_row(problem.datasets)
-    for pose in () if middle is None else assemblies(problem.mechanism, middle):
+    if middle is None:
+        return
+    for pose in assemblies(problem.mechanism, middle):
         there = Model(assembled_at(problem.mechanism, pose, middle))
         yield replace(state, poses=tuple(problem.reached(i, there)
                                          for i in range(len(problem.datasets))))

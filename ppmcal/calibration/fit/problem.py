@@ -32,6 +32,7 @@ from ppmcal.calibration.fit.white_rows import Rows, white_rows
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import environment_of, shifted
 from ppmcal.kinematics.equilibrium import reached_poses, settle
+from ppmcal.kinematics.forward import Minima
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset, Environment, unknown_environment
 from ppmcal.model.mechanism import Mechanism
@@ -232,14 +233,14 @@ class Problem:
         """Return the index of the data set whose frame ``data`` uses."""
         return next(i for i, d in enumerate(self.datasets) if d.name == data.frame.same_as)
 
-    def solve(self, state: State, wary: bool = True) -> State:
+    def solve(self, state: State, wary: bool = True, minima: Minima | None = None) -> State:
         """Return the state with its poses solved anew at its parameters.
 
-        ``wary``: as of :func:`ppmcal.kinematics.equilibrium.settle`.
+        ``wary``, ``minima``: as of :func:`ppmcal.kinematics.equilibrium.settle`.
         """
         model = Model(self.mechanism, state.g)
         poses = tuple(np.concatenate([
-            np.concatenate([settle(model, q, environment, pose, wary)[0]
+            np.concatenate([settle(model, q, environment, pose, wary, minima)[0]
                             for q, pose in self.ends(i, state, rows)], axis=1)
             for rows, environment in self.chunks(i)]) for i in range(len(self.datasets)))
         return replace(state, poses=poses)
@@ -294,6 +295,13 @@ class Problem:
         there = State(g, registrations, state.poses)
         homed = any(o.homing.stop > o.homing.start for o in self.opens)
         return self.solve(there, wary) if self.free or homed else there
+
+    def kept(self, state: State, minima: Minima) -> State:
+        """Return a state that was moved to and is kept, rows that stand out looked at again.
+
+        Of surplus limbs, and not at every step that is tried: that takes long.
+        """
+        return self.solve(state, minima=minima) if self.mechanism.surplus else state
 
     def rows(self, state: State, jacobian: bool = True,
              keep: Sequence[NDArray[np.bool_]] | None = None) -> Iterator[Rows]:

@@ -104,10 +104,12 @@ class _Posterior:
         each = "scm" if g.ndim > 2 else "cm"
         self.cross = np.einsum(f"{each},scd->smd", g, data.matrix)
         self.inner = self.cross @ g
-        self.seen = np.einsum("sc,scm->sm", data.right, g) if g.ndim > 2 else data.right @ g
+        seen = np.einsum("sc,scm->sm", data.right, g) if g.ndim > 2 else data.right @ g
+        self.sides = np.concatenate([self.cross, seen[..., None]], axis=-1)
         self.prior = np.diag(data.prior**2 + RIDGE)
         self.offset = data.prior**2 * data.away
-        self.covariance = linalg.inv(data.matrix.sum(axis=0) + self.prior, DIFFERENCES)
+        self.whole = data.matrix.sum(axis=0)
+        self.covariance = linalg.inv(self.whole + self.prior, DIFFERENCES)
         if not np.all(np.diagonal(self.covariance) > 0.0):
             raise LinearAlgebraError(f"{DIFFERENCES} could not be had: what the tolerances say "
                                      "drowns in the round-off of what the data say",
@@ -139,14 +141,12 @@ class _Posterior:
         inner = each[:, None] * self.inner * each / noise
         inner += np.eye(each.size)
         factor = linalg.cholesky(inner, DIFFERENCES)
-        half = linalg.solve(factor, np.concatenate(
-            [each[:, None] * self.cross, (each * self.seen)[..., None]], axis=-1)) / noise
-        known = self.data.matrix.sum(axis=0) / noise - np.einsum("smc,smd->cd", half[..., :-1],
-                                                                 half[..., :-1])
-        total = linalg.cholesky(known + self.prior, DIFFERENCES)
-        right = self.data.right.sum(axis=0) / noise - np.einsum(
-            "smc,sm->c", half[..., :-1], half[..., -1]) + self.offset
-        square = self.data.square.sum() / noise - float(np.sum(half[..., -1] ** 2))
+        half = linalg.solve(factor, each[:, None] * self.sides) / noise
+        half = half.reshape(-1, half.shape[-1])
+        gone = half.T @ half
+        total = linalg.cholesky(self.whole / noise - gone[:-1, :-1] + self.prior, DIFFERENCES)
+        right = self.data.right.sum(axis=0) / noise - gone[:-1, -1] + self.offset
+        square = self.data.square.sum() / noise - gone[-1, -1]
         solved = linalg.solve(total, right)
         twice = (square - float(solved @ solved) + self.data.count.sum() * np.log(noise)
                  + 2.0 * np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum()

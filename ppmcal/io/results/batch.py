@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, fields
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from ppmcal.calibration.validation import Identification
-from ppmcal.io.results.comparison import ComparisonRecord
-from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.identification_parts import ParameterEstimate, summaries
 from ppmcal.io.results.record import Part, Record, Shown, Text, UnitText, Whole
 from ppmcal.io.tables import parquet_bytes
 from ppmcal.wording import MOST, abbreviate_list, pluralize
+
+if TYPE_CHECKING:       # every command has quantities, and few of them these records
+    from ppmcal.io.results.comparison import ComparisonRecord
+    from ppmcal.io.results.diagnosis import DiagnosisRecord
 
 
 class CampaignQuantity(Part):
