@@ -37,8 +37,8 @@ BEYOND = 30.0
 """A pose coordinate is an input where its range is so many times what residuals amount to."""
 TWIN = 0.9999
 """Of two that rows see so much alike (cosine) one is tried."""
-WITHIN = 1e-6
-"""By which part one has to be seen better than another, beyond round-off."""
+SEEN_BETTER = 1e-6
+"""By which part one is seen better than another, beyond round-off."""
 PASSING = ("time",)
 """Inputs that no later command can have again: what follows them is reported, and not learned."""
 
@@ -110,7 +110,7 @@ def _by_itself(units: Array) -> Bools:
     unit = units / np.where(size > 0.0, size, 1.0)
     cosine = np.abs(unit.T @ unit)
     kind = np.arange(6) // 3
-    better = (kind[:, None] == kind) & (size[:, None] < (1.0 - WITHIN) * size)
+    better = (kind[:, None] == kind) & (size[:, None] < (1.0 - SEEN_BETTER) * size)
     return np.asarray((size > 0.0) & ~np.any(better & (cosine > TWIN), axis=1))
 
 

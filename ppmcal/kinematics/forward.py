@@ -9,6 +9,7 @@ A row that meets a singularity on the way is reported, never returned.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -117,9 +118,9 @@ class Minima:
 
     known: dict[bytes, Array] = field(default_factory=dict)
 
-    def of(self, q: Array, rows: Ints) -> list[Array | None]:
-        """Return what is known of each of some rows of joint values (N, k)."""
-        return [self.known.get(q[n].tobytes()) for n in rows]
+    def of(self, q: Array) -> Array | None:
+        """Return what is known of a row of joint values (k,), None where it was not led yet."""
+        return self.known.get(q.tobytes())
 
     def add(self, q: Array, rows: Ints, poses: Array) -> None:
         """Keep poses (s, n, 8) of rows, each once; nan is none."""
@@ -156,27 +157,35 @@ def _least_of_minima(parts: _Parts, pose: Array, rare: float, unreached: Bools |
     if not rows.size:
         return pose
     pose = pose.copy()
-
-    def take(rows: Ints, found: Array, converged: Bools) -> None:
-        value = np.where(converged, _gap_square(model.take(rows), q[rows], found, of), np.inf)
-        better = value < np.where(np.isfinite(least[rows]), 0.99 * least[rows], np.inf)
-        pose[rows[better]], least[rows[better]] = found[better], value[better]
-
-    before = Minima().of(q, rows) if minima is None else minima.of(q, rows)
-    for n in range(max((len(b) for b in before if b is not None), default=0)):
-        there = [(row, b[n]) for row, b in zip(rows, before, strict=True) if b is not None
-                 and len(b) > n]
-        some, begin = np.array([row for row, _ in there]), np.array([b for _, b in there])
-        take(some, *newton(model.take(some).closure(q[some]), begin, of=of)[:2])
-    rows = rows[[b is None for b in before]]
-    every = []
-    for limbs in exact_sets(model.mechanism) if rows.size else ():
-        found, converged, _ = parts.led(limbs, rows)
-        take(rows, found, converged)
-        every.append(np.where(converged[:, None], found, np.nan))
-    if minima is not None and every:
-        minima.add(q, rows, np.array(every))
+    for some, found, converged in _tried(parts, rows, minima):
+        value = np.where(converged, _gap_square(model.take(some), q[some], found, of), np.inf)
+        better = value < np.where(np.isfinite(least[some]), 0.99 * least[some], np.inf)
+        pose[some[better]], least[some[better]] = found[better], value[better]
     return pose
+
+
+def _tried(parts: _Parts, rows: Ints, minima: Minima | None) -> Iterator[tuple[Ints, Array, Bools]]:
+    """Yield some of the rows, poses (n, 8) that are minima of theirs, and whether they are (n,).
+
+    From near where that is known of a row, else from home, which is added to what is known.
+    """
+    if minima is not None:
+        known = {n: there for n in rows.tolist() if (there := minima.of(parts.q[n])) is not None}
+        for k in range(max(map(len, known.values()), default=0)):
+            some = np.array([n for n, there in known.items() if len(there) > k])
+            begin = np.array([known[n][k] for n in some.tolist()])
+            yield some, *newton(parts.model.take(some).closure(parts.q[some]), begin,
+                                of=parts.of)[:2]
+        rows = rows[[n not in known for n in rows.tolist()]]
+    if not rows.size:
+        return
+    led = []
+    for limbs in exact_sets(parts.model.mechanism):
+        found, converged, _ = parts.led(limbs, rows)
+        yield rows, found, converged
+        led.append(np.where(converged[:, None], found, np.nan))
+    if minima is not None:
+        minima.add(parts.q, rows, np.array(led))
 
 
 def _led_by_parts(parts: _Parts, rows: Ints) -> Array:

@@ -49,7 +49,7 @@ OTHERS = {
         "linear_system.INVISIBLE", "observed_directions.HALF", "onsets.IN_STATE", "onsets.LINEAR",
         "predictive.UNPREDICTED", "linearisation.VISIBLE", "linearisation.WEAK_VISIBILITY",
         "term_candidates.BEYOND", "term_candidates.MARGIN", "term_candidates.TWIN",
-        "term_candidates.WITHIN",
+        "term_candidates.SEEN_BETTER",
         "left_out_schemes.LEVELS", "library_columns.FEW", "left_over_pattern.FEW"},
     # which words a shape has, what is drawn
     "words": {

@@ -88,10 +88,7 @@ def _elsewhere(fit: Fit, state: State, options: FitOptions) -> Fit:
     other fit counts as far as its machine comes to its rows from home.
     """
     problem, prior = fit.problem, prior_weights(fit.problem, options.method)
-    keep = _usable(problem, state)[0]
-    few, start = problem, state
-    if sum(int(k.sum()) for k in keep) > MANY_ROWS:
-        few, start = _thinned(problem, state, keep)
+    few, start, _ = _few_rows(problem, state)
     tried: list[tuple[float, int, State]] = []
     for other in other_starts(few, start):
         rows = _usable(few, other)[0]
@@ -108,11 +105,21 @@ def _elsewhere(fit: Fit, state: State, options: FitOptions) -> Fit:
 
 def _stepwise(problem: Problem, state: State, robust: bool) -> tuple[Registration, ...] | None:
     """Return another start for frames and targets, found with one thing open after another."""
+    return opened_in_turn(*_few_rows(problem, state), robust)
+
+
+def _few_rows(problem: Problem, state: State) -> tuple[Problem, State, list[Bools]]:
+    """Return the problem and its state, thinned where rows are many, and which can be used."""
     keep = _usable(problem, state)[0]
-    if sum(int(k.sum()) for k in keep) > MANY_ROWS:
-        problem, state = _thinned(problem, state, keep)
-        keep = _usable(problem, state)[0]
-    return opened_in_turn(problem, state, keep, robust)
+    if not _many(keep):
+        return problem, state, keep
+    problem, state = _thinned(problem, state, keep)
+    return problem, state, _usable(problem, state)[0]
+
+
+def _many(keep: Sequence[Bools]) -> bool:
+    """Return whether rows in use are so many that the minimum is sought with some of them first."""
+    return sum(int(k.sum()) for k in keep) > MANY_ROWS
 
 
 def _fitted(problem: Problem, options: FitOptions, state: State, near: bool, at_minimum: bool
@@ -133,7 +140,7 @@ def _fitted(problem: Problem, options: FitOptions, state: State, near: bool, at_
     if options.method == "damped":
         state = start_off_zero(problem, state, keep)
         return damped(problem, state, keep, reasons, options)
-    many = sum(int(k.sum()) for k in keep) > MANY_ROWS
+    many = _many(keep)
     if many and not at_minimum:
         thinned, few = _thinned(problem, state, keep)
         log.info("more than %d rows: the minimum is sought with %d of them first", MANY_ROWS,
