@@ -46,6 +46,12 @@ STARTS = (np.arange(16) + 0.5) / 8.0 - 1.0
 """What a memory may have been before the first row, in parts of the most."""
 SEEN = 0.05
 """Ways in which that shows less than the first by this are too small to be seen."""
+APART = 1e-3
+"""Coordinates of a step of which less than this part is not in those before them are not told.
+
+Above what a step that is in the model already turns a target by; a mark's distance from the
+others is more of that to the platform's origin.
+"""
 
 
 class _Kinds(Collector):
@@ -85,6 +91,8 @@ class _Kinds(Collector):
         specs = [s for s in kind.parameters(self.motion) if not (s.constant or s.optional)
                  and (s.scaling or s.scan is None) and self._varies(s)
                  and s.unless not in self.there]
+        if kind.onset and not kind.per_actuator:
+            specs = self._told_apart(kind, on, specs)
         for some in [[s] for s in specs] if kind.one_by_one else [specs] if specs else []:
             for constants in self.grids.of(kind, some[0].name):
                 if constants.get(kind.onset) not in self.starts.values():
@@ -183,14 +191,38 @@ class _Kinds(Collector):
         if not kind.onset:
             return tuple(self.columns.shifted(shifts, factor)
                          for factor, shifts in self._shifts(kind, on, values, specs))
-        # an event is the same whenever it happens: of its columns the rows before are 0
-        key = kind.label, tuple(on.tolist())
-        if key not in self._steps:
-            self._steps[key] = [
-                factor * self.system.column(shifts) for factor, shifts in self._shifts(
-                    kind, on, values | {kind.onset: -np.inf}, specs)]
         after = self._row_numbers >= values[kind.onset]
-        return tuple(self.columns.later(column, after) for column in self._steps[key])
+        return tuple(self.columns.later(column, after)
+                     for column in self._step_columns(kind, on, specs))
+
+    def _step_columns(self, kind: EffectKind, on: Bools, specs: Sequence[EffectParameter]
+                      ) -> list[Array]:
+        """Return an event's columns (N, m) had it been there all along.
+
+        It is the same whenever it happens: of these the rows before are 0.
+        """
+        key = kind.label, tuple(on.tolist()), tuple(s.name for s in specs)
+        if key not in self._steps:
+            values = start_values(kind, self.motion) | {kind.onset: -np.inf}
+            self._steps[key] = [factor * self.system.column(shifts) for factor, shifts
+                                in self._shifts(kind, on, values, specs)]
+        return self._steps[key]
+
+    def _told_apart(self, kind: EffectKind, on: Bools, specs: Sequence[EffectParameter]
+                    ) -> list[EffectParameter]:
+        """Return the coordinates of a step that these rows tell from those before them.
+
+        Where only one point of a body is seen, its turns are shifts of that point.
+        """
+        basis = np.zeros((self.system.residual.size, 0))
+        told = []
+        for spec, column in zip(specs, self._step_columns(kind, on, specs), strict=True):
+            own = column.reshape(-1, 1)
+            more = own - basis @ (basis.T @ own)
+            if np.linalg.norm(more) > APART * np.linalg.norm(own):
+                basis = np.concatenate([basis, more / np.linalg.norm(more)], axis=1)
+                told.append(spec)
+        return told
 
     def _each(self, kind: EffectKind, on: Bools, values: dict[str, float],
               specs: Sequence[EffectParameter]) -> dict[int, tuple[int, ...]]:
@@ -225,7 +257,7 @@ class _Kinds(Collector):
         return np.concatenate([p.response.rows.row for p in self.system.firsts])
 
     @cached_property
-    def _steps(self) -> dict[tuple[str, tuple[bool, ...]], list[Array]]:
+    def _steps(self) -> dict[tuple[str, tuple[bool, ...], tuple[str, ...]], list[Array]]:
         return {}
 
     def _borne(self, on: Bools) -> Callable[[Setting], Shift] | None:

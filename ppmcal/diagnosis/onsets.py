@@ -122,8 +122,10 @@ def _profiled(fit: Fit, event: _Event) -> Onset:
     target = _free_of(basis, (weight * (system.residual.reshape(-1) + here))[:, None])[:, 0]
     tried = _tried(system, mechanism, effects[0], event.row,
                    [_row(fit.state.g, e) for e in others])
-    gains = np.array([_gain(_free_of(basis, weight[:, None] * _steps(system, effects, r)), target)
-                      for r in tried])
+    usual = np.concatenate([_usual(mechanism, fit.state.g, e) for e in effects])
+    gains = np.array([_gain(
+        _free_of(basis, weight[:, None] * _steps(system, effects, r)) * usual, target)
+        for r in tried])
     noise = max(1.0, float(target @ target - gains.max()) / max(
         system.count - basis.shape[1] - sizes.size - 1, 1))
     near = tried[gains >= gains.max() - LIKELY * noise]
@@ -216,6 +218,22 @@ def _free_of(basis: Array, columns: Array) -> Array:
 
 
 def _gain(columns: Array, target: Array) -> float:
-    """Return by how much columns lower the sum of squares of the target."""
-    solution = linalg.lstsq(columns, target, rcond=1e-9)[0]
-    return float(target @ (columns @ solution))
+    """Return by how much columns (n, c) lower the sum of squares of the target (n,).
+
+    Each in units of what its size usually is, which counts as in the fit: rows linearised beyond a
+    step differ by a trace from those before it, of which a huge size would make any step.
+    """
+    size = linalg.lstsq(np.concatenate([columns, np.eye(columns.shape[1])]),
+                        np.concatenate([target, np.zeros(columns.shape[1])]))[0]
+    return float(target @ (columns @ size))
+
+
+def _usual(mechanism: Mechanism, g: Array, effect: Effect) -> Array:
+    """Return how large each coordinate of an event's step usually is (c,), SI.
+
+    Without a tolerance as large as it is, and at least a change that counts.
+    """
+    return np.array([
+        mechanism.parameters[p].prior_sigma or max(abs(float(g[p])),
+                                                   mechanism.parameters[p].size or 0.0)
+        for n, p in effect.parameters.items() if n != effect.kind.onset])

@@ -174,3 +174,17 @@ def test_an_effect_of_a_target_that_nobody_measured_is_told(tmp_path: Path, name
     told = [f for f in known.findings if "effects[1].target" in f]
     assert [f.level for f in told] == ([] if level is None else [level])
     assert all("Did you mean 'body T" in f for f in told)
+
+
+def test_a_single_point_that_moved_has_no_turns_and_its_own_row(tmp_path: Path) -> None:
+    """How one reflector turns does not show, and no turn stands in for a step of a later row."""
+    far = 6.0 * np.array(STEP)
+    seen = measured(11, names=("T2",), moved={"T2": (ROW, far)})
+    found = diagnosed(tmp_path, seen)
+    (only,) = found["effects"]
+    assert only["kind"] == "target_shift" and set(only["parameters"]) == {"x", "y", "from_row"}
+    assert only["row"]["low"] == ROW == only["row"]["high"]
+    for axis, step in zip("xy", far, strict=True):
+        size = only["parameters"][axis]
+        assert abs(size["value"] - step) < 4.0 * size["sigma"] < abs(step)
+    assert found["residual"]["after"]["position"]["rms"] < 1.2 * np.hypot(0.01, 0.01)
