@@ -19,7 +19,7 @@ from scipy import stats
 
 import ppmcal as face
 from ppmcal.calibration.fit import Noise
-from ppmcal.calibration.validation import Budget, Contribution
+from ppmcal.calibration.validation import Budget, Contribution, Figure
 from ppmcal.commands.certify import evidence
 from ppmcal.commands.certify.about import read_about
 from ppmcal.commands.certify.evidence import refuse_uncertifiable, refuse_unknown_cause
@@ -27,6 +27,7 @@ from ppmcal.commands.certify.figures import bidirectional, one_sided, pose_figur
 from ppmcal.commands.certify.judge import decided
 from ppmcal.commands.certify.pdf import wrapped
 from ppmcal.errors import BadInput
+from ppmcal.io.results.certificate_content import alike
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import ErrorStages
 from ppmcal.io.results.parts import ErrorSize
@@ -439,3 +440,15 @@ def test_a_limit_that_is_not_kept_is_what_to_look_at(bench: Path, tmp_path: Path
     ppmcal("report", tmp_path, "--out", tmp_path / "page", expect=0)
     told = json.loads((tmp_path / "page/report.json").read_text("utf-8"))
     assert any("the agreed limit is not kept" in a["what"] for a in told["attention"])
+
+
+def test_figures_that_rows_do_not_allow_are_told_once_for_joints_and_files() -> None:
+    """Three reflectors on a hexapod are not seventy-two names in a cell."""
+    figures = [Figure(s, s, None, norm="ISO 230-2", where=f"leg{leg}", why="no direction",
+                      file=f"run T{target}")
+               for target in (1, 2, 3) for leg in (1, 2) for s in "BREA"]
+    one = [Figure("A", "A", None, norm="ISO 230-2", where="leg3", why="no direction",
+                  file="run T1"), Figure("AP_p", "AP_p", None, norm="ISO 230-2")]
+    assert list(alike(figures)) == ["B, R, E, A of leg1, leg2 (run T1, run T2, run T3)"]
+    assert list(alike([*figures, *one])) == [
+        "B, R, E, A of leg1, leg2 (run T1, run T2, run T3)", "A of leg3 (run T1)", "AP_p"]

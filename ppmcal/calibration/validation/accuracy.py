@@ -21,7 +21,7 @@ class Figure:
 
     ``unit``: length or angle, or an actuator's quantity, once it is said the unit; ``expanded``:
     its expanded uncertainty; ``repeats``: fewest behind it, of those ``asked``; ``where``: joint or
-    coordinate.
+    coordinate; ``file``: which of several.
     """
 
     symbol: str
@@ -34,6 +34,12 @@ class Figure:
     asked: int = 0
     where: str = ""
     why: str = ""
+    file: str = ""
+
+    @property
+    def place(self) -> str:
+        """Joint or coordinate, and the file."""
+        return f"{self.where} ({self.file})".strip() if self.file else self.where
 
     @property
     def label(self) -> str:

@@ -189,7 +189,7 @@ def _quantity(data: ET.Element, name: str, value: float, unit: str, *described: 
 def _figure(found: ET.Element, f: Figure, record: CertificateRecord) -> None:
     result = _sub(found, "result")
     _text(result, "name", f.label)
-    told = (f"{f.norm}, {f.where}, {f.repeats} repeats of {f.asked} asked" if f.norm else f.where)
+    told = (f"{f.norm}, {f.place}, {f.repeats} repeats of {f.asked} asked" if f.norm else f.place)
     _rich(result, "description", *filter(None, (told,)))
     quantity = _sub(_sub(result, "data"), "quantity")
     _text(quantity, "name", f.label)

@@ -72,8 +72,7 @@ def figures(evidence: Evidence, about: AboutFile) -> list[Figure]:
                     for symbol, name, norm in WANTED]
             continue
         for one in _standards(rows, about, evidence.seen):
-            out.append(replace(one, where=f"{one.where} ({rows.data.name})".strip())
-                       if len(evidence.rows) > 1 else one)
+            out.append(replace(one, file=rows.data.name) if len(evidence.rows) > 1 else one)
     return out
 
 

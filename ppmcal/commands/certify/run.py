@@ -75,8 +75,9 @@ class CertificateResult(Result):
         from ppmcal.io import csv_text
 
         shown = self.record.figures
-        columns = {k: [getattr(f, k) for f in shown] for k in ("symbol", "name", "unit", "norm",
-                                                               "where", "why")}
+        columns = {head: [getattr(f, k) for f in shown] for head, k in (
+            ("symbol", "symbol"), ("name", "name"), ("unit", "unit"), ("norm", "norm"),
+            ("where", "place"), ("why", "why"))}
         numbers = {k: [np.nan if (v := getattr(f, k)) is None else v for f in shown]
                    for k in ("value", "expanded")}
         return {self.TABLE: csv_text([*columns, *numbers], [*columns.values(),

@@ -97,7 +97,8 @@ def _who(record: CertificateRecord) -> Iterator[Block]:
          f"{record.instrument}, serial number {record.instrument_serial}, certificate "
          f"{record.instrument_certificate} of {record.calibrated}, "
          f"U = {_value(record.uncertainty, unit)} (k = {_value(record.coverage_factor)})"),
-        ("Temperature", f"{warm} °C"), *record.conditions.items()])
+        ("Temperature", f"{warm} °C"),
+        *((name[:1].upper() + name[1:], told) for name, told in record.conditions.items())])
 
 
 def _party(name: str, city: str, country: str) -> str:
@@ -109,23 +110,37 @@ def _figures(record: CertificateRecord) -> Iterator[Block]:
     yield PrintedTable(["figure", "standard", "value", "U", "unit", "of"], [
         [f.label, f.norm or NONE, _value(f.value), _value(f.expanded), f.unit, _of(f)]
         for f in given], (0.34, 0.13, 0.12, 0.11, 0.06, 0.24), (2, 3))
-    missing: dict[tuple[str, str], list[str]] = {}
+    missing: dict[tuple[str, str], list[Figure]] = {}
     for f in record.figures:
         if f.value is None:
-            told = f"{f.symbol} of {f.where}" if f.where else f.symbol
-            missing.setdefault((f.norm, f.why), []).append(told)
+            missing.setdefault((f.norm, f.why), []).append(f)
     if missing:
         yield Words("Figures of the standards that these rows do not allow:")
         yield PrintedTable(["standard", "figures", "why"], [
-            [norm, ", ".join(names), why] for (norm, why), names in missing.items()],
+            [norm, "; ".join(alike(figures)), why] for (norm, why), figures in missing.items()],
             (0.13, 0.35, 0.52))
+
+
+def alike(figures: Sequence[Figure]) -> Iterator[str]:
+    """Yield symbols, of which joints, in which files: what is the same for several at once."""
+    symbols: dict[tuple[str, str], list[str]] = {}
+    for f in figures:
+        symbols.setdefault((f.file, f.where), []).append(f.symbol)
+    joints: dict[tuple[str, str], list[str]] = {}
+    for (file, where), own in symbols.items():
+        joints.setdefault((file, ", ".join(own)), []).append(where)
+    files: dict[str, list[str]] = {}
+    for (file, told), own in joints.items():
+        of = f"{told} of {', '.join(own)}" if any(own) else told
+        files.setdefault(of, []).append(file)
+    yield from (f"{of} ({', '.join(own)})" if any(own) else of for of, own in files.items())
 
 
 def _of(f: Figure) -> str:
     if not f.asked:
-        return f.where or "all rows"
+        return f.place or "all rows"
     fewer = f", n = {f.repeats}" + (f" ({f.asked} agreed)" if f.asked < ASKED[f.norm] else "")
-    return f.where + fewer
+    return f.place + fewer
 
 
 def _budget(record: CertificateRecord) -> Iterator[Block]:
