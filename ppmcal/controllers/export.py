@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
-from ppmcal.calibration.compensation import model_sigma
+from ppmcal.calibration.compensation import ParameterCovariance, model_sigma
 from ppmcal.controllers.pose_errors import ErrorSummary, rms, rotation_rms
 from ppmcal.controllers.pose_grid import rest_columns
 from ppmcal.errors import BadInput, NoResult
@@ -22,6 +22,7 @@ from ppmcal.io.results.knowledge import KNOWLEDGE, knowledge_of, read_identifica
 from ppmcal.io.results.own_calibration import of_other_values
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Effect, Mechanism
+from ppmcal.model.registration import Registration
 from ppmcal.notes import Note
 from ppmcal.store.provenance import Provenance
 from ppmcal.wording.progress import stage
@@ -33,7 +34,8 @@ class PoseUncertainty:
 
     ``position`` m, ``rotation`` rad (None too where nothing turns); ``frame``: of which data set,
     or ``base``; ``reason``: why it is unknown; ``undetermined``: because measurements leave every
-    pose open.
+    pose open. ``stands``: where that data set's instrument does, by the model and, ``before``, if
+    the nominal geometry is believed; None where nothing says.
     """
 
     position: float | None
@@ -41,6 +43,8 @@ class PoseUncertainty:
     frame: str
     reason: str = ""
     undetermined: bool = False
+    stands: Registration | None = None
+    before: Registration | None = None
 
     def entry(self) -> CommandErrors:
         """Return the entry of export.json, mm and degrees."""
@@ -56,9 +60,9 @@ UNKNOWN = PoseUncertainty(None, None, "", f"{KNOWLEDGE} is not beside the model"
 def pose_uncertainty(mechanism: Mechanism, poses: Array | None, model: Path) -> PoseUncertainty:
     """Return how well the file ``model`` is known at platform poses (N, 6), base frame.
 
-    In the measuring frame of the model's only data set, as ``compensate`` takes it; with none or
-    several in the base frame, where frame and offsets can stand in for each other. A measuring
-    frame that is the base's is called so.
+    In a measuring frame where there is one, of several in that in which it is known best: in base
+    axes frame and offsets can stand in for each other. A measuring frame that is the base's is
+    called so.
 
     Raises:
         BadInput: the identification.json beside the model cannot be used.
@@ -71,8 +75,21 @@ def pose_uncertainty(mechanism: Mechanism, poses: Array | None, model: Path) -> 
     other = of_other_values(record, mechanism)
     if other:
         return PoseUncertainty(None, None, "base", f"{path.name} is not of this model ({other})")
-    names = list(mechanism.registrations)
-    name = names[0] if len(names) == 1 else ""
+    known = [_known_in(name, mechanism, poses, knowledge) for name in _frames(mechanism)]
+    return min(known, key=lambda own: np.inf if own.position is None else own.position)
+
+
+def _frames(mechanism: Mechanism) -> list[str]:
+    """Return a data set of each measuring frame, "" for the base's where there is none.
+
+    Targets of one body have one frame.
+    """
+    first = {r.frame_pose.tobytes(): name for name, r in reversed(mechanism.registrations.items())}
+    return list(reversed(first.values())) or [""]
+
+
+def _known_in(name: str, mechanism: Mechanism, poses: Array,
+              knowledge: ParameterCovariance | None) -> PoseUncertainty:
     stands = mechanism.registration(name)
     called = name if stands.frame_pose.any() else "base"
     position, rotation = model_sigma(mechanism, poses, stands,
@@ -82,7 +99,9 @@ def pose_uncertainty(mechanism: Mechanism, poses: Array | None, model: Path) -> 
         return PoseUncertainty(None, None, called, "no pose has an uncertainty",
                                undetermined=True)
     turns = mechanism.motion.turns
-    return PoseUncertainty(rms(position[seen]), rms(rotation[seen]) if turns else None, called)
+    believed = None if knowledge is None or called == "base" else knowledge.before.get(name)
+    return PoseUncertainty(rms(position[seen]), rms(rotation[seen]) if turns else None, called,
+                           stands=stands, before=believed)
 
 
 AXIS_OFFSET = ".axis_offset"
@@ -195,6 +214,19 @@ class Exported:
     uncertainty: PoseUncertainty = UNKNOWN
     copy: str = ""
     again: Again | None = None
+
+    def as_seen(self) -> Exported:
+        """Return the same with errors in the frame in which the model's uncertainty is.
+
+        Of numbers that were nominal: commands were asked for where the instrument was then taken
+        to stand. Base axes that no instrument measures move with the numbers.
+        """
+        own = self.uncertainty
+        if own.stands is None or own.before is None:
+            return self
+        return replace(self, over=f"{self.over}, of the mark that {own.frame} measured",
+                       before=self.before.seen(own.stands, own.before),
+                       after=self.after.seen(own.stands, own.stands))
 
     def expected(self, errors: ErrorSummary) -> ErrorSummary | None:
         """Return the error to expect with ``before`` or ``after``: what the model lacks is in both.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,8 +11,10 @@ from ppmcal import algebra as cga
 from ppmcal.errors import NoResult
 from ppmcal.io.results.export import CommandErrors
 from ppmcal.io.results.parts import ErrorSize
+from ppmcal.kinematics.registration import measured_pose
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
 
 MM = 1e-3
 
@@ -29,7 +31,8 @@ class PlanarMotion:
 class ErrorSummary:
     """Errors over ``count`` poses: of position, m, and of rotation, rad, if there is one.
 
-    ``removed``: what was taken out of them, None for nothing.
+    ``removed``: what was taken out of them, None for nothing. ``real``, ``wanted``: the motors
+    (N, 8) that they are of, base frame, where rotations are known.
     """
 
     rms: float
@@ -38,6 +41,21 @@ class ErrorSummary:
     rotation_max: float | None = None
     count: int = 0
     removed: PlanarMotion | None = None
+    real: Array | None = field(default=None, repr=False, compare=False)
+    wanted: Array | None = field(default=None, repr=False, compare=False)
+
+    def seen(self, now: Registration, believed: Registration) -> ErrorSummary:
+        """Return the errors of the mark that an instrument sees, in its frame.
+
+        ``now``: where it stands and the mark is; ``believed``: where they were taken to be when
+        the poses were asked for. The same where motors are not known.
+        """
+        if self.real is None or self.wanted is None:
+            return self
+        at, asked = measured_pose(now, self.real), measured_pose(believed, self.wanted)
+        turned = [cga.motor_from_rotation_vector(p[:, 3:], np.zeros(3)) for p in (at, asked)]
+        return _summary(at[:, :3] - asked[:, :3], cga.compose(cga.reverse(turned[1]), turned[0]),
+                        self.rotation_rms is not None)
 
     def entry(self) -> CommandErrors:
         """Return the entry of export.json, mm and degrees."""
@@ -76,11 +94,17 @@ def pose_errors(mechanism: Mechanism, real: Array, wanted: Array) -> ErrorSummar
     if not rows.size:
         raise takes_none(mechanism)
     at, ideal = real[rows], wanted[rows]
-    away = np.linalg.norm(cga.translation(at) - cga.translation(ideal), axis=1)
-    turn = np.linalg.norm(cga.rotation_vector(cga.compose(cga.reverse(ideal), at)), axis=1)
-    turns = mechanism.motion.turns
-    return ErrorSummary(rms(away), float(np.max(away)), rms(turn) if turns else None,
-                        float(np.max(turn)) if turns else None, int(rows.size))
+    own = _summary(cga.translation(at) - cga.translation(ideal),
+                   cga.compose(cga.reverse(ideal), at), bool(mechanism.motion.turns))
+    return replace(own, real=at, wanted=ideal)
+
+
+def _summary(shift: Array, turn: Array, turns: bool) -> ErrorSummary:
+    """Return the sizes of shifts (N, 3) and, if the machine ``turns``, of motors' rotations."""
+    away = np.linalg.norm(shift, axis=1)
+    angle = np.linalg.norm(cga.rotation_vector(turn), axis=1)
+    return ErrorSummary(rms(away), float(np.max(away)), rms(angle) if turns else None,
+                        float(np.max(angle)) if turns else None, len(away))
 
 
 def takes_none(mechanism: Mechanism) -> NoResult:

@@ -182,6 +182,8 @@ def run(asked: ExportArguments) -> ExportResult:
     made = replace(made, uncertainty=replace(sure, reason=notes[0]) if notes else sure,
                    numbers=secondary("how well the numbers are known", lambda: with_intervals(
                        machine, made, source_file), made.numbers, notes))
+    if old is None:
+        made = made.as_seen()
     known = evidence_of(machine)
     warned += refuse_worse(made, known, machine.source, asked.regardless)
     notes += doubts(known, machine.source, asked.write and not asked.regardless)
