@@ -38,7 +38,7 @@ from ppmcal.model.effects import (
     effect_kinds,
 )
 from ppmcal.model.mechanism import joint_groups, limbs_with_free, usable_joints
-from ppmcal.model.sessions import targets_beside_others
+from ppmcal.model.sessions import campaign, targets_beside_others
 from ppmcal.notes import NOTE, Note
 
 UNBORNE = "it shows only through compliance under load, and the model has none"
@@ -210,19 +210,18 @@ class _Kinds(Collector):
 
     def _told_apart(self, kind: EffectKind, on: Bools, specs: Sequence[EffectParameter]
                     ) -> list[EffectParameter]:
-        """Return the coordinates of a step that these rows tell from those before them.
+        """Return the coordinates of a step that some campaign tells from those before them.
 
         Where only one point of a body is seen, its turns are shifts of that point.
         """
-        basis = np.zeros((self.system.residual.size, 0))
-        told = []
-        for spec, column in zip(specs, self._step_columns(kind, on, specs), strict=True):
-            own = column.reshape(-1, 1)
-            more = own - basis @ (basis.T @ own)
-            if np.linalg.norm(more) > APART * np.linalg.norm(own):
-                basis = np.concatenate([basis, more / np.linalg.norm(more)], axis=1)
-                told.append(spec)
-        return told
+        columns = self._step_columns(kind, on, specs)
+        rows: dict[str, list[int]] = {}
+        for p in self.system.parts:
+            rows.setdefault(campaign(self.system.problem.datasets[p.dataset]), []).extend(
+                range(p.at.start, p.at.stop))
+        told = {n for own in rows.values()
+                for n in _apart([c[own].reshape(-1) for c in columns])}
+        return [s for n, s in enumerate(specs) if n in told]
 
     def _each(self, kind: EffectKind, on: Bools, values: dict[str, float],
               specs: Sequence[EffectParameter]) -> dict[int, tuple[int, ...]]:
@@ -344,6 +343,17 @@ class _Kinds(Collector):
         for limb in limbs_with_free(problem.mechanism, kind.same_as, problem.free):
             out[limb.actuator] = True
         return out
+
+
+def _apart(columns: Sequence[Array]) -> Iterator[int]:
+    """Yield which columns (n,) are not in those before them, see :data:`APART`."""
+    basis = np.zeros((len(columns[0]), 0))
+    for n, column in enumerate(columns):
+        more = column - basis @ (basis.T @ column)
+        size = np.linalg.norm(more)
+        if size > APART * np.linalg.norm(column):
+            basis = np.column_stack([basis, more / size])
+            yield n
 
 
 def library(system: System, kinds: Sequence[str] | None = None, tried: Sequence[int] = (),
