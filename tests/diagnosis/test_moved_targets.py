@@ -17,6 +17,7 @@ from helpers.commands import number, ppmcal, rows
 import ppmcal as package
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.commands.inputs import prepared
+from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.model.effects import EffectKind, find_effect
 from ppmcal.model.mechanism import Given, with_effect
@@ -188,3 +189,15 @@ def test_a_single_point_that_moved_has_no_turns_and_its_own_row(tmp_path: Path) 
         size = only["parameters"][axis]
         assert abs(size["value"] - step) < 4.0 * size["sigma"] < abs(step)
     assert found["residual"]["after"]["position"]["rms"] < 1.2 * np.hypot(0.01, 0.01)
+
+
+def test_a_point_of_another_day_tells_no_turns_of_this_one(tmp_path: Path) -> None:
+    """Each day has its own mark: together they are no body of which turns would show."""
+    bench = package.load(machine(tmp_path)).with_free(["*.offset"])
+    days = [one for n, mark in enumerate(("T2", "T1")) for one in package.read_data(
+        bench, wide(tmp_path, measured(5 + n, rows=12, names=(mark,))))]
+    days = [replace(one, name=f"day {n}", campaign="") for n, one in enumerate(days)]
+    problem = Problem(bench, days, bench.free)
+    system = build(problem, problem.start(), [np.ones(12, dtype=bool)] * 2)
+    (found,) = {h.names for h in library(system, ["target_shift"]).hypotheses}
+    assert found == ("x", "y")
