@@ -297,7 +297,7 @@ def test_a_limb_of_another_package(tmp_path: Path, site: Path) -> None:
 # --- nothing else knows a kind ------------------------------------------------------------------
 
 OTHER_SENSES = {("diagnosis/learning.py", "learned"),     # the block of it in a question
-                ("io/results/plan_tables.py", "gain"),   # what one more measurement wins
+                ("io/results/plan.py", "gain"),   # what one more measurement wins
                 ("algebra/__init__.py", "product")}       # of two multivectors
 """Words of files that are a kind's name too, and mean something else there."""
 

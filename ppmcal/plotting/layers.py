@@ -38,8 +38,8 @@ class Points:
 
     Attributes:
         texts: what each is, in lines.
-        keys: row of the data of each (:func:`ppmcal.io.results.residual_rows.row_key`), by which
-            plots and tables of a page are linked; none where points are not rows.
+        keys: row of the data of each (`row_key` of :mod:`ppmcal.io.results.identification_tables`),
+            by which plots and tables of a page are linked; none where points are not rows.
         undrawn: the other rows, where points are some of them.
     """
 

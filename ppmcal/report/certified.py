@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import partial
 
-from ppmcal.io.results.certificate import CertificateRecord
-from ppmcal.io.results.certificate_content import (
+from ppmcal.io.results.certificate import (
+    CertificateRecord,
     ErrorMap,
     Heading,
     NamedLines,

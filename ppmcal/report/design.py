@@ -9,7 +9,7 @@ from functools import partial
 from html import escape
 from typing import Any
 
-from ppmcal.io.results.design import ShownTable
+from ppmcal.io.results.parts import ShownTable
 from ppmcal.notes import FINDING, level_of
 from ppmcal.plotting.style import with_palette
 from ppmcal.report.design_records import DESIGN_FILES, designed

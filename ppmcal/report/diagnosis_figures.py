@@ -20,7 +20,7 @@ from ppmcal.io.results.diagnosis_wording import (
     learned_name,
     together,
 )
-from ppmcal.io.results.learned_parts import LearnedEntry
+from ppmcal.io.results.learned import LearnedEntry
 from ppmcal.io.results.left_out_wording import gap_closed, left_out_poses
 from ppmcal.linalg import Array
 from ppmcal.plotting.bars import Chart, Row, ratio_ticks

@@ -9,15 +9,18 @@ import numpy as np
 
 from ppmcal.calibration.fit import Noise
 from ppmcal.calibration.knowledge import FAR
-from ppmcal.io.results.campaign import campaign_sentences
-from ppmcal.io.results.gross_errors import unchecked_sentences
-from ppmcal.io.results.identifiability import flat_sentences, open_sentences, unidentifiable_words
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import ParameterEstimate, before_words
-from ppmcal.io.results.identification_tables import quantity_of
-from ppmcal.io.results.identification_wording import combination, short_intervals
-from ppmcal.io.results.parts import ErrorSize, LeftOutRow
-from ppmcal.io.results.residual_rows import row_key, used
+from ppmcal.io.results.identification_tables import quantity_of, row_key, used
+from ppmcal.io.results.identification_wording import (
+    combination,
+    flat_sentences,
+    open_sentences,
+    short_intervals,
+    unchecked_sentences,
+    unidentifiable_words,
+)
+from ppmcal.io.results.parts import ErrorSize, LeftOutRow, campaign_sentences
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.report.html import (
     MAX_ROWS,

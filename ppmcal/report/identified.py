@@ -8,17 +8,20 @@ from functools import partial
 from typing import Any
 
 from ppmcal.calibration.knowledge import FAR
-from ppmcal.io.results.campaign import campaign_sentences
-from ppmcal.io.results.gross_errors import unchecked_sentences
-from ppmcal.io.results.identifiability import scale_sentence
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_tables import (
     NEXT_TABLE,
     PARAMETER_TABLE,
     RESIDUAL_TABLE,
+    used,
+    white,
 )
-from ppmcal.io.results.identification_wording import noise_verdict
-from ppmcal.io.results.residual_rows import used, white
+from ppmcal.io.results.identification_wording import (
+    noise_verdict,
+    scale_sentence,
+    unchecked_sentences,
+)
+from ppmcal.io.results.parts import campaign_sentences
 from ppmcal.report.html import count, part, with_unit
 from ppmcal.report.identification import drawings, excluded_rows, identified_section
 from ppmcal.report.kind import Chapter, Folder, Kind

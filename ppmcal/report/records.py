@@ -17,10 +17,9 @@ from ppmcal.io.results.kinematics import KinematicsRecord
 from ppmcal.io.results.plan import PlanRecord
 from ppmcal.io.results.record import Record
 from ppmcal.io.results.sensitivity import SensitivityRecord
-from ppmcal.io.results.simulation import TruthRecord
+from ppmcal.io.results.simulation import ComparedMachines, TruthRecord
 from ppmcal.io.results.stiffness import StiffnessRecord
 from ppmcal.io.results.tolerances import TolerancesRecord
-from ppmcal.io.results.truth import ComparedMachines
 from ppmcal.io.results.validation import ValidationRecord
 from ppmcal.io.results.workspace import WorkspaceRecord
 from ppmcal.linalg import Array, Bools, Ints

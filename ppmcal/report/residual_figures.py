@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 
 from ppmcal.io.csv import Table
 from ppmcal.io.results.commands import predicted_errors
-from ppmcal.io.results.identification_tables import quantity_of
-from ppmcal.io.results.residual_rows import (
+from ppmcal.io.results.identification_tables import (
     ResidualNorm,
     WhiteResiduals,
     coordinates,
     norms,
+    quantity_of,
     rms,
     typical_sigma,
     used,
     white,
 )
-from ppmcal.io.results.truth import ComparedMachines
+from ppmcal.io.results.simulation import ComparedMachines
 from ppmcal.linalg import Array, Bools
 from ppmcal.plotting.canvas import HEIGHT, WIDTH, Drawing
 from ppmcal.plotting.layers import (

@@ -12,8 +12,15 @@ from numpy.typing import NDArray
 
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
-from ppmcal.io.results.identification_tables import is_measured, quantity_of
-from ppmcal.io.results.residual_rows import norms, row_key, row_numbers, times_noise, used
+from ppmcal.io.results.identification_tables import (
+    is_measured,
+    norms,
+    quantity_of,
+    row_key,
+    row_numbers,
+    times_noise,
+    used,
+)
 from ppmcal.io.tables import read_table
 from ppmcal.linalg import Array
 from ppmcal.plotting.layers import Points, Undrawn

@@ -7,9 +7,8 @@ from dataclasses import asdict
 from functools import partial
 from typing import Any
 
-from ppmcal.io.results.residual_rows import rms
-from ppmcal.io.results.simulation import TruthRecord
-from ppmcal.io.results.truth import BEYOND_NEAR, FAR, NEAR, ComparedMachines
+from ppmcal.io.results.identification_tables import rms
+from ppmcal.io.results.simulation import BEYOND_NEAR, FAR, NEAR, ComparedMachines, TruthRecord
 from ppmcal.report.html import (
     Cell,
     count,

@@ -19,7 +19,7 @@ from ppmcal.io.results.identification_parts import Summaries
 from ppmcal.io.results.identification_wording import noise_verdict, noise_words
 from ppmcal.io.results.left_out_wording import gap_closed, left_out_error
 from ppmcal.io.results.parts import ErrorChange, ErrorSize
-from ppmcal.io.results.truth import ComparedMachines
+from ppmcal.io.results.simulation import ComparedMachines
 from ppmcal.model.instruments import find_instrument
 from ppmcal.report.html import count, typeset, whole, with_unit
 from ppmcal.report.records import Diagnosed, Identified, ReportData

@@ -23,7 +23,7 @@ from ppmcal.calibration.interpretation.joint_zeros import joint_zeros, zeros_els
 from ppmcal.commands.inputs import prepared
 from ppmcal.errors import BadInput
 from ppmcal.io.mechanism_reader import read_mechanism
-from ppmcal.io.results.gross_errors import gross_rows, row_sentences, would_be
+from ppmcal.io.results.identification_wording import gross_rows, row_sentences, would_be
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_vector
 

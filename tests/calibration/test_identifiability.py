@@ -23,7 +23,7 @@ from ppmcal.calibration.knowledge.identifiability_report import (
 )
 from ppmcal.codec import in_units
 from ppmcal.io import read_mechanism
-from ppmcal.io.results.identifiability import open_sentences
+from ppmcal.io.results.identification_wording import open_sentences
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.registration import measured_pose

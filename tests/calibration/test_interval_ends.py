@@ -20,8 +20,8 @@ from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.knowledge.intervals import coverage, in_words
 from ppmcal.calibration.validation.summary import report
 from ppmcal.codec import in_units
-from ppmcal.io.results.identifiability import scale_sentence
 from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.io.results.identification_wording import scale_sentence
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 

@@ -24,7 +24,7 @@ from ppmcal.calibration.fit.homing_shift import HomingShift, homing_shifts
 from ppmcal.calibration.fit.outliers import UncheckedRows, find_gross_errors
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.validation.summary import report
-from ppmcal.io.results.gross_errors import (
+from ppmcal.io.results.identification_wording import (
     gross_rows,
     row_sentences,
     shift_sentence,

@@ -15,7 +15,7 @@ from ppmcal.calibration.fit.outliers import contradictions, find_gross_errors
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.fit.repeated_rows import _Known
 from ppmcal.inference.priors import NO_WEIGHT
-from ppmcal.io.results.gross_errors import gross_rows, row_sentences
+from ppmcal.io.results.identification_wording import gross_rows, row_sentences
 from ppmcal.model.repeats import places, with_misread
 
 Array = np.ndarray

@@ -24,7 +24,7 @@ from ppmcal.design.plan.settings import SETTABLE, PlanSettings, needs, offered, 
 from ppmcal.design.virtual_instrument import default_instrument
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import read_mechanism
-from ppmcal.io.results.plan_tables import accuracy_table, pose_table
+from ppmcal.io.results.plan import accuracy_table, pose_table
 from ppmcal.io.results.record import in_units
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state

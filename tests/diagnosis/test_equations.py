@@ -15,7 +15,7 @@ from helpers.learned import WEATHER, campaign, diagnosed, dip, squared, warped
 from ppmcal.diagnosis.equation_forms import Equation, InputForm, products_of, same_form, values_of
 from ppmcal.diagnosis.equations import likeliest
 from ppmcal.diagnosis.result import LearnedTerms
-from ppmcal.io.results.learned_equation import equation_fields
+from ppmcal.io.results.learned import equation_fields
 from ppmcal.model.effects.learned import LearnedCurve, learned_kind
 from ppmcal.model.effects.setting import Setting
 from ppmcal.model.motions import SPATIAL

@@ -29,10 +29,9 @@ from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.result import Candidate, Diagnosis, NamedEffect
 from ppmcal.errors import BadInput
 from ppmcal.io.results import diagnosis_wording as wording
-from ppmcal.io.results.diagnosis import DiagnosisRecord
-from ppmcal.io.results.diagnosis_files import effects_csv
+from ppmcal.io.results.diagnosis import DiagnosisRecord, effects_csv
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, SuspectedEffect
-from ppmcal.io.results.learned_parts import LearnedEntry
+from ppmcal.io.results.learned import LearnedEntry
 from ppmcal.io.results.left_out_wording import gap_closed, predicted
 from ppmcal.model.effects import find_effect
 from ppmcal.model.motions import SPATIAL

@@ -14,7 +14,7 @@ from helpers.paths import ROOT
 
 import ppmcal
 from ppmcal.calibration.compensation.kinematics_sigma import PoseRows, independent, joint_sigma
-from ppmcal.io.results.kinematics_uncertainty import COVARIANCE, NONE, SIGMAS, TOLERANCES
+from ppmcal.io.results.kinematics import COVARIANCE, NONE, SIGMAS, TOLERANCES
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse

@@ -13,7 +13,7 @@ from helpers.report_files import identification, specs, write_csv, write_fit
 from helpers.sources import nodes_of
 
 from ppmcal import plotting
-from ppmcal.io.results.residual_rows import row_key, row_numbers
+from ppmcal.io.results.identification_tables import row_key, row_numbers
 from ppmcal.plotting.bars import Chart, Row
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import (

@@ -17,8 +17,7 @@ from ppmcal.io.results.export import ExportRecord
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.plan import PlanRecord
 from ppmcal.io.results.record import AnyRecord
-from ppmcal.io.results.simulation import TruthRecord
-from ppmcal.io.results.truth import ComparedMachines, TruthRow, compared
+from ppmcal.io.results.simulation import ComparedMachines, TruthRecord, TruthRow, compared
 from ppmcal.io.results.validation import ValidationRecord
 from ppmcal.report import to_html, to_json
 from ppmcal.report.batch import batch_page

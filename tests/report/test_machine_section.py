@@ -14,7 +14,7 @@ from helpers.paths import ROOT
 import ppmcal as face
 from ppmcal.io import read_dataset, read_mechanism
 from ppmcal.io.results.diagnosis import DiagnosisRecord
-from ppmcal.io.results.residual_rows import row_key
+from ppmcal.io.results.identification_tables import row_key
 from ppmcal.io.results.scene import joint_words
 from ppmcal.io.results.scene_rows import FittedRows, placed_rows, spread_rows
 from ppmcal.kinematics.closure import Model

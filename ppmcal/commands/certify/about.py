@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field
 
 from ppmcal.errors import BadInput
 from ppmcal.io.json_schema import Schema, finished
-from ppmcal.io.results.certificate_content import ISO_AXES, ISO_POSES
+from ppmcal.io.results.certificate import ISO_AXES, ISO_POSES
 from ppmcal.io.schema import Label, Positive, Strict, UnitsFile, check, choice, refuse, show
 from ppmcal.io.schema import numbers as numbers_of
 from ppmcal.io.yaml import read_yaml

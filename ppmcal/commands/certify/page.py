@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.io.results.certificate import CertificateRecord
-from ppmcal.io.results.certificate_content import (
+from ppmcal.io.results.certificate import (
     Block,
+    CertificateRecord,
     ErrorMap,
     Heading,
     NamedLines,

@@ -14,9 +14,9 @@ from matplotlib.lines import Line2D
 from matplotlib.textpath import text_to_path
 
 from ppmcal.commands.certify.page import HEIGHT, WIDTH, draw
-from ppmcal.io.results.certificate import CertificateRecord
-from ppmcal.io.results.certificate_content import (
+from ppmcal.io.results.certificate import (
     Block,
+    CertificateRecord,
     ErrorMap,
     Heading,
     NamedLines,

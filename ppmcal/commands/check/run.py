@@ -19,7 +19,7 @@ from ppmcal.commands.check.options import CheckArguments
 from ppmcal.commands.inputs import data_files, prepared
 from ppmcal.commands.spec import Path_, Refusal
 from ppmcal.errors import BadInput, PpmcalError
-from ppmcal.io.results.identifiability import (
+from ppmcal.io.results.identification_wording import (
     open_sentences,
     sets_of,
     unidentifiable_words,

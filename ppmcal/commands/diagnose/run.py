@@ -44,9 +44,7 @@ from ppmcal.diagnosis.own_noise import diagnose_with_own_noise
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.errors import BadInput, PpmcalError, unknown
 from ppmcal.io.results.batch import CampaignQuantity, effect_quantities, fit_quantities
-from ppmcal.io.results.campaign import campaign_sentences
-from ppmcal.io.results.diagnosis import DiagnosisRecord
-from ppmcal.io.results.diagnosis_files import files
+from ppmcal.io.results.diagnosis import DiagnosisRecord, files
 from ppmcal.io.results.diagnosis_parts import EffectValue, HeldOutGap
 from ppmcal.io.results.diagnosis_wording import (
     actuators,
@@ -68,6 +66,7 @@ from ppmcal.io.results.diagnosis_wording import (
 )
 from ppmcal.io.results.interpretation import misreading_entries
 from ppmcal.io.results.left_out_wording import another_day, gap_closed, learned_gap, predicted
+from ppmcal.io.results.parts import campaign_sentences
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.sessions import one_session, session_masks

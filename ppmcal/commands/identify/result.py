@@ -16,12 +16,18 @@ from ppmcal.commands.inputs import imports_behind
 from ppmcal.commands.result import Result
 from ppmcal.controllers import own_words
 from ppmcal.io.results.batch import CampaignQuantity, fit_quantities
-from ppmcal.io.results.campaign import campaign_sentences
-from ppmcal.io.results.gross_errors import row_sentences, unchecked_sentences
-from ppmcal.io.results.identifiability import flat_sentences, open_sentences, unidentifiable_words
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import before_words
-from ppmcal.io.results.identification_wording import noise_verdict, short_intervals
+from ppmcal.io.results.identification_wording import (
+    flat_sentences,
+    noise_verdict,
+    open_sentences,
+    row_sentences,
+    short_intervals,
+    unchecked_sentences,
+    unidentifiable_words,
+)
+from ppmcal.io.results.parts import campaign_sentences
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.store.output import Content

@@ -21,15 +21,18 @@ from ppmcal.calibration.compensation import (
 )
 from ppmcal.commands.result import Result
 from ppmcal.io.results.kinematics import (
+    COVARIANCE,
     LOCKED,
+    SIGMAS,
+    TOLERANCES,
     KinematicsFiles,
     ModeColumns,
+    ModelSigma,
     PoseFormat,
     kinematics_files,
     modes_sentence,
     solved_sentence,
 )
-from ppmcal.io.results.kinematics_uncertainty import COVARIANCE, SIGMAS, TOLERANCES, ModelSigma
 from ppmcal.io.results.knowledge import KNOWLEDGE, knowledge_of, read_identification
 from ppmcal.io.results.own_calibration import of_other_values
 from ppmcal.io.results.tables import joint_columns

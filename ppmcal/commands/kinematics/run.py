@@ -26,8 +26,13 @@ from ppmcal.io import read_joints, read_poses, twists
 from ppmcal.io.grid import read_point
 from ppmcal.io.pose_fields import check_convention
 from ppmcal.io.poses import Given
-from ppmcal.io.results.kinematics import ModeColumns, PoseFormat
-from ppmcal.io.results.kinematics_uncertainty import COVARIANCE, KinematicsUncertainty, ModelSigma
+from ppmcal.io.results.kinematics import (
+    COVARIANCE,
+    KinematicsUncertainty,
+    ModeColumns,
+    ModelSigma,
+    PoseFormat,
+)
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import shifted
 from ppmcal.kinematics.partial_pose import PoseConvention, inverse_partial, pose_motor

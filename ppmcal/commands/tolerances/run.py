@@ -24,8 +24,7 @@ from ppmcal.design.virtual_instrument import Instrument, default_instrument
 from ppmcal.errors import BadInput
 from ppmcal.io import read_poses
 from ppmcal.io.grid import metric_length, read_point
-from ppmcal.io.results.tolerance_tables import ToleranceResult, slot_table
-from ppmcal.io.results.tolerances import TolerancesRecord
+from ppmcal.io.results.tolerances import ToleranceResult, TolerancesRecord, slot_table
 from ppmcal.io.sidecar import read_instrument
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state

@@ -18,8 +18,8 @@ from ppmcal.commands.result import CalibratedMachine, Result
 from ppmcal.commands.spec import Machine, Path_
 from ppmcal.commands.validate.options import ValidateArguments
 from ppmcal.errors import unknown
+from ppmcal.io.results.identification_parts import rows_behind
 from ppmcal.io.results.knowledge import KNOWLEDGE
-from ppmcal.io.results.known_rows import rows_behind
 from ppmcal.io.results.own_calibration import rows_seen, seen_before
 from ppmcal.io.results.validation import (
     ValidatedDataset,

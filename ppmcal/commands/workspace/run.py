@@ -15,10 +15,9 @@ from ppmcal.design.workspace import workspace as mapped
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import read_joints
 from ppmcal.io.grid import read_grid
-from ppmcal.io.results.workspace import WorkspaceRecord
+from ppmcal.io.results.workspace import WorkspaceRecord, reach, singularities
+from ppmcal.io.results.workspace import assembly_modes as modes_words
 from ppmcal.io.results.workspace_tables import ModeRow, left_table, modes_table, pictures
-from ppmcal.io.results.workspace_wording import assembly_modes as modes_words
-from ppmcal.io.results.workspace_wording import reach, singularities
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.tables import refuse_singular_home

@@ -13,9 +13,9 @@ from ppmcal.calibration.compensation import KINDS, Compensation
 from ppmcal.io.csv import Table
 from ppmcal.io.csv_dialect import Dialect
 from ppmcal.io.recorded import recorded_text
+from ppmcal.io.results.identification_tables import rms
 from ppmcal.io.results.parts import ErrorChange
 from ppmcal.io.results.record import Column, Record, Text, Whole, table_text
-from ppmcal.io.results.residual_rows import rms
 from ppmcal.io.results.tables import (
     WrittenTable,
     column_units,

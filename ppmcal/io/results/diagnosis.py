@@ -1,10 +1,12 @@
-"""diagnosis.json: what is missing in a model, how sure that is, and what to measure next."""
+"""diagnosis.json and the files beside it: what is missing in a model, and what to measure next."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar, NamedTuple
+
+import numpy as np
 
 from ppmcal.calibration.interpretation import plain_mistakes
 from ppmcal.calibration.knowledge import coverage
@@ -14,21 +16,26 @@ from ppmcal.diagnosis import other_days
 from ppmcal.diagnosis.hypotheses import Untestable
 from ppmcal.diagnosis.localization import Place
 from ppmcal.diagnosis.plot_data import PlotData, SelectionStep, plot_data
-from ppmcal.diagnosis.result import Diagnosis, LeftOutBlocks, Swallowed, UnknownFound
-from ppmcal.io.results.campaign import CampaignSummary
+from ppmcal.diagnosis.result import Candidate, Diagnosis, LeftOutBlocks, Swallowed, UnknownFound
+from ppmcal.io import write_mechanism
 from ppmcal.io.results.diagnosis_parts import (
     DiagnosedEffect,
     HeldOutGap,
     SuspectedEffect,
 )
+from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import ErrorStages, excluded_rows, summaries
+from ppmcal.io.results.identification_tables import residuals_csv
 from ppmcal.io.results.interpretation import MisreadingEntry, misreading_entries
-from ppmcal.io.results.learned_parts import LearnedEntry
+from ppmcal.io.results.learned import LearnedEntry
 from ppmcal.io.results.other_models import OtherModel, OtherModels, TriedSet, other_files
-from ppmcal.io.results.parts import LeftOutRow
-from ppmcal.io.results.record import Flag, Record, Shown, Text, Whole
-from ppmcal.io.results.tables import finite_number
+from ppmcal.io.results.parts import CampaignSummary, LeftOutRow
+from ppmcal.io.results.record import Column, Flag, Record, Shown, Text, Whole, table_text
+from ppmcal.io.results.tables import WrittenTable, finite_number, joint_columns
 from ppmcal.io.results.validation import ValidatedDataset
+from ppmcal.model.dataset import ZERO_CELSIUS
+from ppmcal.model.motions import POSE_COORDINATES
+from ppmcal.store.output import Content
 from ppmcal.store.provenance import Provenance
 from ppmcal.units import Key, Units
 
@@ -180,3 +187,78 @@ def _confirmed(result: Diagnosis) -> bool | None:
     """Return whether sessions left out in turn, or else held-out poses, bear the effects out."""
     by_days = other_days.confirmed(result.days)
     return by_days if by_days is not None or result.gap is None else result.gap.confirmed
+
+
+EFFECT_TABLE = WrittenTable("effects.csv", ("p_value", "survival", "probability").__contains__)
+
+
+def files(result: Diagnosis, provenance: Mapping[str, Any], record: DiagnosisRecord
+          ) -> dict[str, Content]:
+    """Return file name -> text of everything that diagnose writes but pictures."""
+    found, fit = result.identification, result.identification.fit
+    alone = residuals(result.before.problem, result.before.state)
+    out: dict[str, Content] = {
+        "model.yaml": write_mechanism(
+            found.mechanism,
+            f"diagnosed by ppmcal {provenance.get('version', '')}: {result.verdict}; from "
+            + ", ".join(d.name for d in fit.problem.datasets)),
+        "effects.csv": effects_csv(result),
+        "residuals.csv": residuals_csv(fit, found.before, found.after, alone),
+        record.FILE: record.text(),
+        "identification.json": IdentificationRecord.of(found, provenance, "prior").text(),
+    }
+    for name, other in other_files(result):
+        what = ("fitted by ppmcal without the effects of model.yaml" if other.bare else
+                f"diagnosed by ppmcal: {other.effect or 'nothing'} in place of "
+                f"{other.instead or 'nothing'}")
+        out[name] = write_mechanism(other.mechanism, what)
+    if result.proposal.rows:
+        out["next.csv"] = next_csv(result)
+    return out
+
+
+def effects_csv(result: Diagnosis) -> str:
+    """Return effects.csv: one row per candidate, in the order of what became of it.
+
+    ``p_value`` is empty: what was found has the smallest of thousands.
+    """
+    mechanism, some, none = result.identification.mechanism, result.candidates, result.untestable
+    unknown, blank = [np.nan] * len(none), [""] * len(none)
+    return table_text([
+        Column("kind", [*(c.hypothesis.family for c in some), *(u.kind for u in none)]),
+        Column("on", [*(" ".join(c.hypothesis.on) for c in some), *blank]),
+        Column("form", [*("shared" if c.hypothesis.shared else "each" for c in some), *blank]),
+        Column("p_value", [np.nan] * (len(some) + len(none))),
+        Column("survival", [*(c.visibility for c in some), *unknown]),
+        Column("status", [*(c.status for c in some), *["not testable"] * len(none)]),
+        Column("alternatives", [*("; ".join(c.alternatives) for c in some),
+                                *(f"needs {', '.join(u.missing)}" for u in none)]),
+        Column("side", [*(_side(result, c) for c in some), *blank]),
+        Column("probability", [*(c.probability for c in some), *unknown]),
+    ], mechanism.units)
+
+
+def _side(result: Diagnosis, candidate: Candidate) -> str:
+    """Return whether the joints of what is named lag or lead their readings, joint by joint."""
+    mine, mechanism = candidate.hypothesis, result.identification.mechanism
+    sides = {e.on: side for e in result.effects if candidate.status == "named" and (
+        e.hypothesis.family, e.hypothesis.on) == (mine.family, mine.on)
+        and (side := e.side(mechanism))}
+    if len(set(sides.values())) < 2:
+        return next(iter(sides.values()), "")
+    return "; ".join(f"{' '.join(on)} {side}" for on, side in sides.items())
+
+
+def next_csv(result: Diagnosis) -> str:
+    """Return next.csv: joints, poses and settings of the measurements to take."""
+    mechanism, wanted = result.identification.mechanism, result.proposal
+    columns = [Column(name, q) for name, q in joint_columns(mechanism, wanted.q, "q_{}").items()]
+    columns += [Column(POSE_COORDINATES[c], wanted.pose[:, c], "length" if c < 3 else "angle")
+                for c in mechanism.dof]
+    for name, values in wanted.columns.items():
+        if name.startswith("vel_"):
+            a = mechanism.actuators.index(name.removeprefix("vel_"))
+            values = values / mechanism.joint_units[a][0]
+        columns.append(Column(name, values - ZERO_CELSIUS if name.startswith("temperature")
+                              else values))
+    return table_text(columns, mechanism.units)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect
-from ppmcal.io.results.learned_parts import LearnedEntry
+from ppmcal.io.results.learned import LearnedEntry
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.wording import (
     actuator_list,

@@ -19,9 +19,6 @@ from ppmcal.calibration.knowledge import (
 from ppmcal.calibration.validation import Dependence, DoubtfulStretch, Identification, definition
 from ppmcal.codec import in_units, unsaid
 from ppmcal.io import write_mechanism
-from ppmcal.io.results.campaign import CampaignSummary
-from ppmcal.io.results.gross_errors import gross_rows, shift_sentence, would_be
-from ppmcal.io.results.identifiability import sets_of
 from ppmcal.io.results.identification_parts import (
     CorrelatedPair,
     CovarianceEntry,
@@ -29,9 +26,11 @@ from ppmcal.io.results.identification_parts import (
     FittedDataset,
     ParameterEstimate,
     RegistrationEntry,
+    RowsOfTable,
     Summaries,
     combination_in_units,
     excluded_rows,
+    rows_behind,
     summaries,
 )
 from ppmcal.io.results.identification_tables import (
@@ -40,8 +39,8 @@ from ppmcal.io.results.identification_tables import (
     residuals_csv,
     table_units,
 )
-from ppmcal.io.results.known_rows import RowsOfTable, rows_behind
-from ppmcal.io.results.parts import LeftOutRow
+from ppmcal.io.results.identification_wording import gross_rows, sets_of, shift_sentence, would_be
+from ppmcal.io.results.parts import CampaignSummary, LeftOutRow
 from ppmcal.io.results.record import Finite, Flag, Record, Text, Whole
 from ppmcal.io.results.units import Numbers, of_joints
 from ppmcal.model.dataset import Dataset

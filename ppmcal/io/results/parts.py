@@ -1,13 +1,18 @@
-"""Objects that several files hold alike: a range, the size of an error, a value with its interval.
+"""Objects that several files hold alike: ranges, errors, intervals, weak campaigns, tables.
 
 Keys that a file does not use are not written.
 """
 
 from __future__ import annotations
 
-from ppmcal.calibration.fit import half_or
-from ppmcal.io.results.record import Finite, Part, Text, Whole
-from ppmcal.units import OfUnit
+from collections.abc import Mapping
+from dataclasses import field
+from typing import Annotated, ClassVar
+
+from ppmcal.calibration.fit import WeakCampaign, half_or
+from ppmcal.io.results.record import Finite, Part, PlainCell, Record, Text, Whole
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.units import Key, OfUnit, Units, coordinate_quantity
 from ppmcal.wording import number, pluralize
 
 
@@ -108,3 +113,82 @@ class LeftOutRow(Part):
     times: Finite | None = None
     may_be_slack: tuple[Text, ...] = ()
     repeats: bool = False
+
+
+FEW = 3
+
+
+class CampaignSummary(Part):
+    """Poses that cannot tell what was fitted.
+
+    ``shapes``: what is weak; ``unknown``: parameters where more than half the tolerance stays
+    open, in groups, ``parameters`` by name; ``poses``: how many measurements would tell them, in
+    ``file``; ``where``: the coordinates in which they go beyond the campaign.
+    """
+
+    shapes: tuple[Text, ...] = ()
+    unknown: tuple[Text, ...] = ()
+    parameters: tuple[Text, ...] = ()
+    poses: Whole = 0
+    where: Mapping[Text, Range] = field(default_factory=dict)
+    file: Text | None = None
+    text: Text = ""
+
+    @classmethod
+    def of(cls, found: WeakCampaign | None, units: Units) -> CampaignSummary | None:
+        """Return the entry of a campaign, None where it is not weak."""
+        if found is None:
+            return None
+        where = {name: Range.filled(None, units, low=low, high=high,
+                                        unit=coordinate_quantity(name))
+                 for name, low, high in found.missing.where}
+        return cls(shapes=found.shapes, unknown=found.groups, parameters=found.unknown,
+                   poses=len(found.missing.q), where=where, file="next.csv",
+                   text=_sentence(found, where))
+
+
+def campaign_sentences(found: CampaignSummary | None) -> list[str]:
+    """Return what to say of a weak campaign, nothing of another: no fault of data or machine."""
+    return [f"{found.text}."] if found is not None and found.text else []
+
+
+def _sentence(found: WeakCampaign, where: Mapping[str, Range]) -> str:
+    """Return what a campaign leaves unknown and which measurements are missing."""
+    first, *more = found.shapes
+    shape = "; ".join([first[:1].upper() + first[1:], *more])
+    text = (f"{shape}, so these stay unknown to more than half their tolerance: "
+            f"{'; '.join(found.groups)}")
+    what = "touch" if found.touches else "pose"
+    count = len(found.missing.q)
+    many = pluralize(count, what) if not found.touches or count == 1 else f"{count} touches"
+    ranges = [f"{name} from {r.low:.4g} to {r.high:.4g} {r.unit}"
+              for name, r in list(where.items())[:FEW]]
+    beyond = f" ({', '.join(ranges)})" if ranges else ""
+    return f"{text}. {many} more{beyond} would fix that, see next.csv"
+
+
+class ShownTable(Part):
+    """A table for people; units of its columns are in the record's ``units``, by name."""
+
+    title: Text = ""
+    columns: tuple[Text, ...] = ()
+    rows: tuple[tuple[PlainCell, ...], ...] = ()
+    note: Text = ""
+
+
+class AnalysisRecord(Record):
+    """What the records of sensitivity, tolerances, stiffness and plan begin with."""
+
+    FILE: ClassVar[str] = ""
+    FORMAT: ClassVar[str] = ""
+
+    name: Text = ""
+    summary: Annotated[tuple[Text, ...], Key("said")] = ()
+    units: Mapping[str, Text] = field(default_factory=dict)
+    findings: tuple[Text, ...] = ()
+
+
+def geometry_note(mechanism: Mechanism) -> list[str]:
+    """Return that an analysis of geometry leaves the file's effects out, if it has any."""
+    kinds = ", ".join(dict.fromkeys(e.kind.name for e in mechanism.effects))
+    return [f"Geometry only: the file's effects ({kinds}) are left out."] if kinds else []

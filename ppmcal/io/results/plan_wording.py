@@ -10,7 +10,7 @@ from ppmcal import linalg
 from ppmcal.codec import in_units
 from ppmcal.design.plan.information import PAYS, reaching
 from ppmcal.design.plan.result import Plan
-from ppmcal.io.results.identifiability import scale_sentence
+from ppmcal.io.results.identification_wording import scale_sentence
 from ppmcal.model.dataset import Unknown
 from ppmcal.notes import Note, about
 from ppmcal.wording import abbreviate_list, pluralize

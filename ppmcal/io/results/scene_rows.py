@@ -14,7 +14,7 @@ from ppmcal.io.campaign import read_datasets
 from ppmcal.io.csv import Table
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import FittedDataset
-from ppmcal.io.results.residual_rows import norm, row_key, used
+from ppmcal.io.results.identification_tables import norm, row_key, used
 from ppmcal.io.results.scene import MeasuredPose, Point, ScenePoses
 from ppmcal.io.sidecar import sidecar_path
 from ppmcal.kinematics.closure import Model

@@ -11,7 +11,7 @@ from ppmcal.calibration.fit import pictures_beside
 from ppmcal.design.error_jacobian import Poses, determinants, error_jacobian
 from ppmcal.design.error_sources import Source
 from ppmcal.design.sensitivity import Sensitivity
-from ppmcal.io.results.design import ShownTable
+from ppmcal.io.results.parts import ShownTable
 from ppmcal.io.results.record import Column, in_units
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_motor

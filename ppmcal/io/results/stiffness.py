@@ -12,7 +12,7 @@ import numpy as np
 from ppmcal.calibration.fit import pictures_beside
 from ppmcal.design.stiffness import Principal
 from ppmcal.io.pose_fields import factors
-from ppmcal.io.results.design import AnalysisRecord, ShownTable
+from ppmcal.io.results.parts import AnalysisRecord, ShownTable
 from ppmcal.io.results.record import Flag, Part, Shown, Text, Whole
 from ppmcal.io.results.stiffness_tables import (
     FORCE,

@@ -9,7 +9,7 @@ import numpy as np
 
 from ppmcal.calibration.fit import GAP, gap_names
 from ppmcal.design.stiffness import Home, Stiffnesses
-from ppmcal.io.results.design import ShownTable
+from ppmcal.io.results.parts import ShownTable
 from ppmcal.io.results.record import Part, Shown, Text
 from ppmcal.kinematics.region import Grid, Map
 from ppmcal.linalg import Array

@@ -16,7 +16,7 @@ from ppmcal.calibration.fit import pictures_beside
 from ppmcal.design.assembly_modes import Modes
 from ppmcal.design.workspace import Workspace
 from ppmcal.io import csv_text
-from ppmcal.io.results.design import ShownTable
+from ppmcal.io.results.parts import ShownTable
 from ppmcal.io.results.tables import joint_columns, map_table, pose_columns
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.kinematics.region import Map
