@@ -14,7 +14,8 @@ from ppmcal.errors import PpmcalError
 from ppmcal.io import read_mechanism
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import group_name, own_values, together
-from ppmcal.io.results.scene import Scene, SceneEffect, SceneFrame, SceneMachine
+from ppmcal.io.results.scene import Scene
+from ppmcal.io.results.scene_parts import SceneEffect, SceneFrame, SceneMachine
 from ppmcal.io.results.scene_rows import POINTS, FittedRows, placed_rows, with_next, with_poses
 from ppmcal.linalg import Array
 from ppmcal.model.effects import GEOMETRY, effect_kinds

@@ -158,10 +158,10 @@ def command_columns(mechanism: Mechanism, result: Compensation, header: Sequence
 
     Joints, poses and the targets' columns are in file units already, the others are SI.
     """
-    added = [Column(n, v) for part in (joint_columns(mechanism, result.q, "q_{}"),
-                                       joint_columns(mechanism, result.q_nominal, "q_{}_nominal"),
-                                       pose_columns(mechanism, result.command, "cmd_"))
-             for n, v in part.items()]
+    added = [Column(n, v) for n, v in (
+        joint_columns(mechanism, result.q, "q_{}")
+        | joint_columns(mechanism, result.q_nominal, "q_{}_nominal")
+        | pose_columns(mechanism, result.command, "cmd_")).items()]
     added += [Column(one.name, one.values(result), one.quantity) for one in COLUMNS]
     ours = {c.name for c in added}
     filled = filled_columns(header, columns, pose_columns(mechanism, result.seen))
@@ -182,8 +182,10 @@ def command_files(mechanism: Mechanism, result: Compensation, header: Sequence[s
                                findings, recorded, base_axes)
     made = {"commands.csv": table_text(found, mechanism.units)}
     if recorded is not None:
-        made[RECORDED] = recorded_text(recorded, _labels(header, columns, len(result.status)),
-                                       _sent_columns(mechanism, result))
+        sent = joint_columns(mechanism, result.q, "q_{}") | pose_columns(
+            mechanism, result.command, "cmd_")
+        made[RECORDED] = recorded_text(
+            recorded, _labels(header, columns, len(result.status)), sent)
     return {**made, record.FILE: record.text()}, record
 
 
@@ -193,12 +195,6 @@ def _labels(header: Sequence[str], columns: Sequence[Any], count: int) -> list[s
     words = [v if isinstance(v, str) else number_text(v) if np.isfinite(v) else ""
              for v in (given if isinstance(given, tuple) else np.asarray(given).tolist())]
     return [word.strip() or str(n) for n, word in enumerate(words, 1)]
-
-
-def _sent_columns(mechanism: Mechanism, result: Compensation) -> dict[str, Array]:
-    """Return joints and poses that are sent as columns, in file units."""
-    return {**joint_columns(mechanism, result.q, "q_{}"),
-            **pose_columns(mechanism, result.command, "cmd_")}
 
 
 def form_words(form: RecordedForm) -> str:

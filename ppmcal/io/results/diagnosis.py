@@ -17,12 +17,8 @@ from ppmcal.diagnosis.hypotheses import Untestable
 from ppmcal.diagnosis.localization import Place
 from ppmcal.diagnosis.plot_data import PlotData, SelectionStep, plot_data
 from ppmcal.diagnosis.result import Candidate, Diagnosis, LeftOutBlocks, Swallowed, UnknownFound
-from ppmcal.io import write_mechanism
-from ppmcal.io.results.diagnosis_parts import (
-    DiagnosedEffect,
-    HeldOutGap,
-    SuspectedEffect,
-)
+from ppmcal.io import csv_text, write_mechanism
+from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, HeldOutGap, SuspectedEffect
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import ErrorStages, excluded_rows, summaries
 from ppmcal.io.results.identification_tables import residuals_csv
@@ -31,10 +27,9 @@ from ppmcal.io.results.learned import LearnedEntry
 from ppmcal.io.results.other_models import OtherModel, OtherModels, TriedSet, other_files
 from ppmcal.io.results.parts import CampaignSummary, LeftOutRow
 from ppmcal.io.results.record import Column, Flag, Record, Shown, Text, Whole, table_text
-from ppmcal.io.results.tables import WrittenTable, finite_number, joint_columns
+from ppmcal.io.results.tables import WrittenTable, finite_number, joint_columns, pose_columns
 from ppmcal.io.results.validation import ValidatedDataset
 from ppmcal.model.dataset import ZERO_CELSIUS
-from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.store.output import Content
 from ppmcal.store.provenance import Provenance
 from ppmcal.units import Key, Units
@@ -252,13 +247,10 @@ def _side(result: Diagnosis, candidate: Candidate) -> str:
 def next_csv(result: Diagnosis) -> str:
     """Return next.csv: joints, poses and settings of the measurements to take."""
     mechanism, wanted = result.identification.mechanism, result.proposal
-    columns = [Column(name, q) for name, q in joint_columns(mechanism, wanted.q, "q_{}").items()]
-    columns += [Column(POSE_COORDINATES[c], wanted.pose[:, c], "length" if c < 3 else "angle")
-                for c in mechanism.dof]
+    table = joint_columns(mechanism, wanted.q, "q_{}") | pose_columns(mechanism, wanted.pose)
     for name, values in wanted.columns.items():
         if name.startswith("vel_"):
             a = mechanism.actuators.index(name.removeprefix("vel_"))
             values = values / mechanism.joint_units[a][0]
-        columns.append(Column(name, values - ZERO_CELSIUS if name.startswith("temperature")
-                              else values))
-    return table_text(columns, mechanism.units)
+        table[name] = values - ZERO_CELSIUS if name.startswith("temperature") else values
+    return csv_text(list(table), list(table.values()))

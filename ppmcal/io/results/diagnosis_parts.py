@@ -81,7 +81,20 @@ class EffectInSession(Part):
             for label, value, sigma in zip(found.labels, found.value, found.sigma, strict=True))
 
 
-class DiagnosedEffect(Part):
+class CalledEffect(Part):
+    """An effect's ``kind``, ``label`` (what people call it) and actuators."""
+
+    kind: Text = ""
+    label: Text = ""
+    on: tuple[Text, ...] = ()
+
+    @property
+    def called(self) -> str:
+        """What people call it, in files of older versions too."""
+        return self.label or self.kind
+
+
+class DiagnosedEffect(CalledEffect):
     """An effect that the data name.
 
     ``label``: what people call its ``kind``, where kinds of one name differ.
@@ -96,9 +109,6 @@ class DiagnosedEffect(Part):
     gives way) or ``leads`` it (behind).
     """
 
-    kind: Text = ""
-    label: Text = ""
-    on: tuple[Text, ...] = ()
     parameters: Mapping[str, EffectValue] = field(default_factory=dict)
     p_value: Shown | None = None
     visibility: Annotated[Shown | None, Key("survival")] = None
@@ -114,11 +124,6 @@ class DiagnosedEffect(Part):
     same_in_sessions_p: Shown | None = None
     side: Text = ""
 
-    @property
-    def called(self) -> str:
-        """What people call it, in files of older versions too."""
-        return self.label or self.kind
-
     @classmethod
     def of(cls, result: Diagnosis, effect: NamedEffect) -> DiagnosedEffect:
         """Return one effect in file units."""
@@ -132,20 +137,12 @@ class DiagnosedEffect(Part):
             **_event(result, effect), **_derived(result, effect))
 
 
-class SuspectedEffect(Part):
+class SuspectedEffect(CalledEffect):
     """Something that may be there but is too weak to be named; ``status``: ``weak``."""
 
-    kind: Text = ""
-    label: Text = ""
-    on: tuple[Text, ...] = ()
     probability: Shown | None = None
     visibility: Annotated[Shown | None, Key("survival")] = None
     status: Text = ""
-
-    @property
-    def called(self) -> str:
-        """What people call it, in files of older versions too."""
-        return self.label or self.kind
 
     @classmethod
     def of(cls, c: Candidate) -> SuspectedEffect:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import field
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, TypeGuard
 
 from ppmcal.io.results.parts import ErrorSize
 from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole
@@ -58,7 +58,8 @@ class CommandErrors(Part):
 
     def rms_words(self) -> str:
         """Return ``0.012 mm and 0.0031 deg``, two digits each."""
-        return _rms_words(self.rms, self.unit, self.rotation)
+        return " and ".join(f"{_two_digits(part.rms)} {part.unit}".strip()
+                            for part in (self, self.rotation) if part and is_known(part.rms))
 
 
 class NotExpressedEntry(Part):
@@ -202,17 +203,17 @@ def _more(old: float | None, new: float | None) -> bool:
 
 def _cost(entry: NotExpressedEntry) -> float:
     """Return what an entry costs, in the unit of its position; unknown is most."""
-    return math.inf if entry.cost is None or not is_known(entry.cost.rms) else entry.cost.rms or 0.0
+    return entry.cost.rms if entry.cost and is_known(entry.cost.rms) else math.inf
 
 
-def is_known(value: float | None) -> bool:
+def is_known(value: float | None) -> TypeGuard[float]:
     """Whether there is a finite number."""
     return value is not None and math.isfinite(value)
 
 
 def fixed(value: float | None, unit: str = "") -> str:
     """Return a number with the decimals that suit its unit, empty for none."""
-    if value is None or not math.isfinite(value):
+    if not is_known(value):
         return ""
     return f"{value:.8g}" if abs(value) >= LARGEST_FIXED else f"{value:.{DECIMALS.get(unit, 4)}f}"
 
@@ -222,14 +223,6 @@ def error_size(value: float | None, unit: str = "") -> str:
     text, decimals = fixed(value, unit), DECIMALS.get(unit, 4)
     smallest = 10.0**-decimals
     return f"below {smallest:.{decimals}f}" if text and abs(value or 0.0) < smallest else text
-
-
-def _rms_words(position: float | None, unit: str, rotation: ErrorSize | None) -> str:
-    parts = [(position, unit)]
-    if rotation is not None:
-        parts.append((rotation.rms, rotation.unit))
-    return " and ".join(f"{_two_digits(value)} {unit}".strip() for value, unit in parts
-                        if value is not None and math.isfinite(value))
 
 
 def _two_digits(value: float) -> str:

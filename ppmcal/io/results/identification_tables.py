@@ -12,13 +12,14 @@ from ppmcal.calibration.fit import GAP, Fit, MissingPoses, Problem, labels
 from ppmcal.calibration.validation import Residuals
 from ppmcal.io.csv import Table
 from ppmcal.io.csv_writer import csv_text
-from ppmcal.io.results.record import Column, table_lines, table_text
+from ppmcal.io.results.record import Column, table_lines
 from ppmcal.io.results.tables import (
     ENVIRONMENT,
     STAGES,
     WrittenTable,
     column_units,
     joint_columns,
+    pose_columns,
 )
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.instruments import is_own_reading, number_names
@@ -91,11 +92,8 @@ def table_units(problem: Problem) -> dict[str, dict[str, str]]:
 
 def missing_csv(mechanism: Mechanism, missing: MissingPoses) -> str:
     """Return next.csv: joints and poses of the measurements that a weak campaign lacks."""
-    columns = [Column(name, q) for name, q in
-               joint_columns(mechanism, missing.q, "q_{}").items()]
-    columns += [Column(POSE_COORDINATES[c], missing.pose[:, c], "length" if c < 3 else "angle")
-                for c in mechanism.dof]
-    return table_text(columns, mechanism.units)
+    table = joint_columns(mechanism, missing.q, "q_{}") | pose_columns(mechanism, missing.pose)
+    return csv_text(list(table), list(table.values()))
 
 
 def residuals_csv(fit: Fit, before: Residuals, after: Residuals,

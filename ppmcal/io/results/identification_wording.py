@@ -29,7 +29,7 @@ from ppmcal.io.results.parts import LeftOutRow
 from ppmcal.io.results.units import JOINT, MachineUnits, column_factor, parameter_unit
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
-from ppmcal.wording import MOST, abbreviate_list, chance, pluralize
+from ppmcal.wording import MOST, abbreviate_list, chance, number, pluralize
 
 TERMS = 6
 
@@ -118,16 +118,16 @@ def row_sentences(rows: Sequence[LeftOutRow],
                   ) -> list[str]:
     """Return which rows were left out, what for, and what they would change."""
     out = [f"  {r.dataset}, row {r.row}: {r.coordinate} {_of(r.value, r)}, where "
-           + (f"its repeats say {_of(r.predicted, r)} ({_six(r.times, 3)} times their scatter)."
+           + (f"its repeats say {_of(r.predicted, r)} ({number(r.times, 3)} times their scatter)."
               if r.repeats else
-              f"the others say {_of(r.predicted, r)} ({_six(r.times, 3)} times the noise).")
+              f"the others say {_of(r.predicted, r)} ({number(r.times, 3)} times the noise).")
            + _slack(r)
            for r in sorted(rows, key=lambda r: -(r.times or 0.0))[:SHOWN]]
     if len(rows) > SHOWN:
         out.append(f"  ... and {len(rows) - SHOWN} more rows, see residuals.csv.")
     out += slack_in_common(rows)
-    return out + [f"  With them {name} would be {_six(e.get('with_them'))} in place of "
-                  f"{_six(e.get('now'))} {parameter_unit(mechanism, name)}."
+    return out + [f"  With them {name} would be {number(e.get('with_them'), 6)} in place of "
+                  f"{number(e.get('now'), 6)} {parameter_unit(mechanism, name)}."
                   for name, e in list(would.items())[:CHANGED]]
 
 
@@ -146,7 +146,7 @@ def _left_out(error: GrossError, mechanism: Mechanism) -> LeftOutRow:
 
 
 def _of(value: float | None, row: LeftOutRow) -> str:
-    return f"{_six(value)} {row.unit}".rstrip()
+    return f"{number(value, 6)} {row.unit}".rstrip()
 
 
 def _slack(row: LeftOutRow) -> str:
@@ -170,10 +170,6 @@ def slack_in_common(left_out: Sequence[LeftOutRow]) -> list[str]:
     also = "" if every else ", and no other"
     return [f"  In all {len(rows)} rows where ropes may have been slack it may be "
             f"{' or '.join(common)}{also}. Of one contradiction a row the sign alone tells."]
-
-
-def _six(value: float | None, digits: int = 6) -> str:
-    return "-" if value is None else f"{value:.{digits}g}"
 
 
 SMOOTH = 0.01

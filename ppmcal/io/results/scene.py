@@ -12,15 +12,10 @@ from ppmcal.io.results.record import Finite, Flag, Part, Text
 from ppmcal.io.results.scene_machine import MachineStand, machine_frames
 from ppmcal.io.results.scene_parts import (
     MeasuredPose,
-    PlacedLimb,
     Point,
     SceneEffect,
     SceneFrame,
-    SceneJoint,
-    SceneLimb,
-    SceneLink,
     SceneMachine,
-    SceneMark,
 )
 from ppmcal.kinematics.closed_at_home import home_gaps
 from ppmcal.kinematics.closure import Model
@@ -32,9 +27,6 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.notes import NOTE, Note
 from ppmcal.units import Units, coordinate_quantity
-
-__all__ = ["MeasuredPose", "PlacedLimb", "Point", "Scene", "SceneEffect", "SceneFrame",
-           "SceneJoint", "SceneLimb", "SceneLink", "SceneMachine", "SceneMark", "ScenePoses"]
 
 FORMAT = "ppmcal/scene/1"
 SHOWN_PART = 0.05

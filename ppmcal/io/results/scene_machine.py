@@ -19,6 +19,7 @@ from ppmcal.io.results.scene_parts import (
     SceneLink,
     SceneMachine,
     SceneMark,
+    point_of,
 )
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import smallest_singular_value
@@ -204,7 +205,7 @@ def _other_branches(model: Model) -> tuple[tuple[Point, ...], ...]:
         own, other = placed.polyline[0], placed.polyline[i + 1]
         # of a strut the other root is the same line, counted backwards
         same = np.allclose(own, other, rtol=0.0, atol=GAP * mechanism.reach)
-        out.append(() if same else tuple(_point(p / f) for p in other))
+        out.append(() if same else tuple(point_of(p / f) for p in other))
     return tuple(out)
 
 
@@ -249,11 +250,6 @@ def _placed(mechanism: Mechanism, limb: LimbSkeleton, n: int) -> PlacedLimb:
         zero=None if drive is None else drive.zero[n], u=None if drive is None else drive.u[n],
         unit="length" if drive is not None and drive.prismatic else "angle", gap=limb.gap[n],
         gap_ends=[e[n] for e in limb.ends] if limb.gap[n] > GAP * mechanism.reach else None)
-
-
-def _point(vector: Array) -> Point:
-    x, y, z = vector[:3].tolist()
-    return x, y, z
 
 
 def around(points: Array) -> tuple[int, ...]:

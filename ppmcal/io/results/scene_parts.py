@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
+from ppmcal.linalg import Array
 from ppmcal.units import Length, OfUnit
 
 Point = tuple[Finite, Finite, Finite]
+
+
+def point_of(vector: Array) -> Point:
+    """Return an array (3,) as a point."""
+    x, y, z = vector.tolist()
+    return x, y, z
 
 
 class SceneJoint(Part):

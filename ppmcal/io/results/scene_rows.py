@@ -15,7 +15,8 @@ from ppmcal.io.csv import Table
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import FittedDataset
 from ppmcal.io.results.identification_tables import norm, row_key, used
-from ppmcal.io.results.scene import MeasuredPose, Point, ScenePoses
+from ppmcal.io.results.scene import ScenePoses
+from ppmcal.io.results.scene_parts import MeasuredPose, Point, point_of
 from ppmcal.io.sidecar import sidecar_path
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
@@ -197,7 +198,7 @@ def _points(table: Table, rows: Ints, plain: Mechanism, owner: tuple[str, int], 
     turns = [norm(_residual(table, rows, s, POSE_COORDINATES[3:]).T) for s in STAGES]
     numbers = table.number("row")[rows].astype(int).tolist()
     return tuple(MeasuredPose(
-        label=f"row {row} of {name}", key=row_key(index, name, row), point=_three(point[n] / f),
+        label=f"row {row} of {name}", key=row_key(index, name, row), point=point_of(point[n] / f),
         value=values[1][n], value_before=values[0][n],
         error=_vector(errors[1][n]), error_before=_vector(errors[0][n]),
         turn=turns[1][n], turn_before=turns[0][n],
@@ -252,12 +253,7 @@ def _residual(table: Table, rows: Ints, stage: str,
 
 
 def _vector(vector: Array) -> Point | None:
-    return _three(vector) if np.isfinite(vector).all() else None
-
-
-def _three(vector: Array) -> Point:
-    x, y, z = vector.tolist()
-    return x, y, z
+    return point_of(vector) if np.isfinite(vector).all() else None
 
 
 def with_poses(mechanism: Mechanism, rows: PlacedRows, most: int
