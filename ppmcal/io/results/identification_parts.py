@@ -25,7 +25,7 @@ from ppmcal.codec import in_units
 from ppmcal.io.pose_fields import factors
 from ppmcal.io.results.parts import ErrorSize, LeftOutRow, UncertainValue
 from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
-from ppmcal.io.results.units import MachineUnits, Numbers, column_factor, numbers
+from ppmcal.io.results.units import MachineUnits, Numbers, column_factor
 from ppmcal.linalg import Array
 from ppmcal.model.instruments import InstrumentKind
 from ppmcal.model.mechanism import Mechanism
@@ -195,7 +195,7 @@ class RegistrationEntry(Part):
     def of(cls, r: Registration, units: Units, kind: InstrumentKind) -> RegistrationEntry:
         """Return the entry in file units."""
         more = {} if kind.placed is None else {"encoder_offset": r.offset, "unit": kind.quantity}
-        return cls.filled(r, units, frame=numbers(r.frame_pose / factors(units)), **more)
+        return cls.filled(r, units, frame=r.frame_pose / factors(units), **more)
 
     def in_si(self, units: Units) -> Registration | None:
         """Return where the instrument stands, SI; None where the file does not say all of it."""

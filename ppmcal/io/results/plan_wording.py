@@ -11,6 +11,7 @@ from ppmcal.codec import in_units
 from ppmcal.design.plan.information import PAYS, reaching
 from ppmcal.design.plan.result import Plan
 from ppmcal.io.results.identification_wording import scale_sentence
+from ppmcal.io.results.units import error_words
 from ppmcal.model.dataset import Unknown
 from ppmcal.notes import Note, about
 from ppmcal.wording import abbreviate_list, pluralize
@@ -113,7 +114,8 @@ def accuracy(plan: Plan) -> str:
     own = next((p, r) for n, p, r in plan.best if n == len(plan.rows))
     count = len(plan.rows)
     frame = "base's" if plan.instrument.kind.inside else "instrument's"
-    text = (f"The calibrated machine is then known to {_accuracy_words(plan, *own)} (one standard "
+    known = error_words(plan.mechanism, *own, digits=3)
+    text = (f"The calibrated machine is then known to {known} (one standard "
             f"deviation, rms over {plan.tasks} task poses, in the {frame} frame)")
     other = (float(plan.random.position[count - 1]), float(plan.random.rotation[count - 1]))
     if not np.isfinite(other[0]):
@@ -121,7 +123,8 @@ def accuracy(plan: Plan) -> str:
     twice = reaching(plan.random.position, own[0])
     much = f"{twice} random ones do as well" if twice else (
         f"more than {len(plan.random.position)} random ones would be needed to do as well")
-    return f"{text}; {count} random ones give {_accuracy_words(plan, *other)}, {much}."
+    given = error_words(plan.mechanism, *other, digits=3)
+    return f"{text}; {count} random ones give {given}, {much}."
 
 
 def diminishing_returns(plan: Plan) -> str:
@@ -249,14 +252,6 @@ def _open_ended(plan: Plan) -> list[str]:
         return []
     return [f"No limits are given for {', '.join(plan.open_ended)}: only reach and singularities "
             "bound the poses there; look whether the machine can go to them."]
-
-
-def _accuracy_words(plan: Plan, position: float, rotation: float) -> str:
-    units = plan.mechanism.units
-    text = units.words(position, "length", 3)
-    if any(c >= 3 for c in plan.mechanism.dof):
-        text += f" and {units.words(rotation, 'angle', 3)}"
-    return text
 
 
 def _open(value: Unknown) -> str:

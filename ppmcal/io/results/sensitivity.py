@@ -36,6 +36,7 @@ from ppmcal.io.results.sensitivity_tables import (
     size_unit,
 )
 from ppmcal.io.results.tables import map_table, unit_map
+from ppmcal.io.results.units import error_words
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.region import Grid
 from ppmcal.kinematics.tables import limit_reason
@@ -74,19 +75,12 @@ def _home(found: Sensitivity) -> list[str]:
              else "its tolerance")
     rho = units.words(found.asked.metric, "length")
     return [f"{found.mechanism.name}: {len(found.sources)} errors. At home the tool is off by "
-            f"{_pair(found, home.position[0], home.rotation[0])} (root sum square, each error one "
-            f"tolerance), at worst by "
-            f"{_pair(found, home.worst_position[0], home.worst_rotation[0])} with "
+            f"{error_words(found.mechanism, home.position[0], home.rotation[0])} (root sum "
+            "square, each error one tolerance), at worst by "
+            f"{error_words(found.mechanism, home.worst_position[0], home.worst_rotation[0])} with "
             f"every error at {times}.",
             f"Error amplification at home: {number(found.home_index[0], 5)} "
             f"{units.name('length/length')}{turned} (all errors alike; angles count by {rho})."]
-
-
-def _pair(found: Sensitivity, position: float, rotation: float) -> str:
-    """Return an error of position and, where the platform rotates, of rotation."""
-    units = found.mechanism.units
-    text = units.words(position, "length")
-    return f"{text} and {units.words(rotation, 'angle')}" if rotates(found) else text
 
 
 def _over_poses(found: Sensitivity, grid: Grid | None) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -13,6 +12,7 @@ from ppmcal.design.error_sources import Source
 from ppmcal.design.sensitivity import Sensitivity
 from ppmcal.io.results.parts import ShownTable
 from ppmcal.io.results.record import Column, in_units
+from ppmcal.io.results.tables import map_pictures
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import Grid, Map
@@ -163,26 +163,22 @@ def jacobian_table(found: Sensitivity) -> list[Column]:
 def pictures(found: Sensitivity, grid: Grid | None) -> dict[str, bytes]:
     """Return file -> PNG: maps over a grid, and the linearity curve."""
     from ppmcal.plotting.curves import draw_curves
-    from ppmcal.plotting.maps import draw_map
 
-    makers: dict[str, Callable[[], bytes]] = {}
+    drawn: dict[str, bytes] = {}
     if grid is not None:
         at = np.where(finite_rows(found.table.pose)[:, None],
                       pose_motor(np.nan_to_num(found.table.pose)), np.nan)
-        side = determinants(Model(found.mechanism), found.table.q, at)
-        for one in maps(found, grid):
-            makers[f"map_{one.name}.png"] = partial(draw_map, found.mechanism, grid, one,
-                                                    side.reshape(grid.shape))
+        drawn = map_pictures(found.mechanism, grid, maps(found, grid), determinants(
+            Model(found.mechanism), found.table.q, at))
     units = found.mechanism.units
     curve = in_units(linearity_table(found), units)
     what = " and ".join(found.asked.together) or "every error at once, in the worst direction"
-    makers["linearity.png"] = partial(
+    return drawn | pictures_beside({"linearity.png": partial(
         draw_curves, LINEARITY, f"{what}, {size_unit(found)}",
         f"displacement of the tool, {units.length}",
         [("linear", curve["size"], curve["linear"]),
          ("nonlinear", curve["size"], curve["exact"]),
-         ("difference", curve["size"], curve["difference"])], True, True)
-    return pictures_beside(makers)
+         ("difference", curve["size"], curve["difference"])], True, True)})
 
 
 def captions(found: Sensitivity, grid: Grid | None) -> dict[str, str]:

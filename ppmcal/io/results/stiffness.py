@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import field
-from functools import partial
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 
-from ppmcal.calibration.fit import pictures_beside
 from ppmcal.design.stiffness import Principal
 from ppmcal.io.pose_fields import factors
 from ppmcal.io.results.parts import AnalysisRecord, ShownTable
@@ -25,7 +23,7 @@ from ppmcal.io.results.stiffness_tables import (
     share_table,
 )
 from ppmcal.io.results.stiffness_wording import findings, sentences
-from ppmcal.io.results.tables import map_table, unit_map
+from ppmcal.io.results.tables import map_pictures, map_table, unit_map
 from ppmcal.kinematics.region import Map
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
@@ -119,9 +117,11 @@ class StiffnessRecord(AnalysisRecord):
         table = study.found.table
         # poses without an answer are written as they were wanted
         pose = np.where(np.isnan(table.pose), study.wanted, table.pose)
+        drawn = {} if study.grid is None else map_pictures(
+            study.mechanism, study.grid, plotted(study), study.found.determinant)
         return {"map.csv": map_table(study.mechanism, pose, maps(study), table.status,
                                      table.reason),
-                self.FILE: self.text(), **pictures(study)}
+                self.FILE: self.text(), **drawn}
 
 
 def _at_home(study: StiffnessStudy) -> dict[str, Any]:
@@ -159,15 +159,3 @@ def plotted(study: StiffnessStudy) -> list[Map]:
     return [] if study.grid is None else [
         m for m in maps(study) if not (m.name == "rotational_max" and one_turn)
         and not m.name.startswith(FORCE)]
-
-
-def pictures(study: StiffnessStudy) -> dict[str, bytes]:
-    """Return file name -> PNG of every map that has a picture."""
-    from ppmcal.plotting.maps import draw_map
-
-    if study.grid is None:
-        return {}
-    determinant = study.found.determinant.reshape(study.grid.shape)
-    return pictures_beside({
-        f"map_{m.name}.png": partial(draw_map, study.mechanism, study.grid, m, determinant)
-        for m in plotted(study)})

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
+from ppmcal.calibration.fit import pictures_beside
 from ppmcal.codec import AGAIN
 from ppmcal.errors import BadInput
 from ppmcal.io import csv_text
@@ -16,7 +18,7 @@ from ppmcal.io.csv import Table, csv_table, joined, refuse_absurd, whole_rows
 from ppmcal.io.csv_body import Cells
 from ppmcal.io.pose_fields import EULER
 from ppmcal.io.results.record import Part
-from ppmcal.kinematics.region import Map
+from ppmcal.kinematics.region import Grid, Map
 from ppmcal.limits import refuse_shape
 from ppmcal.linalg import Array
 from ppmcal.model.instruments import is_own_reading, number_names
@@ -118,6 +120,15 @@ def map_table(mechanism: Mechanism, pose: Array, maps: Sequence[Map], status: Se
                                 **{m.name: m.values.ravel() for m in maps},
                                 "status": list(status), "reason": list(reason)}
     return csv_text(list(table), list(table.values()))
+
+
+def map_pictures(mechanism: Mechanism, grid: Grid, shown: Sequence[Map], determinant: Array
+                 ) -> dict[str, bytes]:
+    """Return file name -> PNG of maps over a grid; ``determinant``: of A at its poses (N,)."""
+    from ppmcal.plotting.maps import draw_map
+
+    return pictures_beside({f"map_{m.name}.png": partial(
+        draw_map, mechanism, grid, m, determinant.reshape(grid.shape)) for m in shown})
 
 
 P = TypeVar("P", bound=Part)

@@ -10,7 +10,6 @@ from ppmcal.calibration.fit import HomingShift
 from ppmcal.calibration.validation import DoubtfulStretch
 from ppmcal.codec import in_units
 from ppmcal.io.results.record import Finite
-from ppmcal.linalg import Array
 from ppmcal.model.effects import effect_kinds
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import COLUMN, JOINTS, PARAMETERS, Units, coordinate_quantity
@@ -60,9 +59,11 @@ def of_joints(found: Iterable[J], mechanism: Mechanism) -> tuple[J, ...]:
     return tuple(in_units(replace(f, unit=JOINT + f.actuator), units) for f in found)
 
 
-def numbers(values: Array) -> Numbers:
-    """Return an array (N,) as plain numbers."""
-    return tuple(values.tolist())
+def error_words(mechanism: Mechanism, position: float, rotation: float, digits: int = 4) -> str:
+    """Return an error of position, SI, in file units and, where the platform turns, of rotation."""
+    text = mechanism.units.words(position, "length", digits)
+    return f"{text} and {mechanism.units.words(rotation, 'angle', digits)}" if (
+        mechanism.motion.turns) else text
 
 
 def column_factor(mechanism: Mechanism, name: str) -> float:

@@ -157,31 +157,21 @@ class ValidationRecord(Record):
 
     def files(self) -> dict[str, str]:
         """Return file name -> text of everything that validate writes."""
-        return {"validation.csv": _table(self), self.FILE: self.text()}
+        table = _table(self.datasets)
+        return {"validation.csv": csv_text(list(table), list(table.values())),
+                self.FILE: self.text()}
 
 
-KINDS = ("position", "rotation", "closure")
-
-
-def _kinds(datasets: Sequence[ValidatedDataset]) -> tuple[str, ...]:
-    """Return the kinds of error of a table; of closure where joint values alone were measured."""
-    return KINDS if any(d.alone for d in datasets) else KINDS[:2]
-
-
-def _header(datasets: Sequence[ValidatedDataset]) -> list[str]:
-    sizes = (f"{kind}_{k}" for kind in _kinds(datasets) for k in SIZES)
-    return ["dataset", "model", "rows", *sizes, "noise", "closer", "low", "high", "verdict"]
-
-
-def _table(record: ValidationRecord) -> str:
-    rows, header = [], _header(record.datasets)
-    for data in record.datasets:
-        for e in data.errors:
-            sizes = [getattr(size, k) if size else None for size in
-                     (getattr(e, kind) for kind in _kinds(record.datasets)) for k in SIZES]
-            rows.append([data.name, e.model, data.rows, *sizes, e.noise, e.closer, e.low, e.high,
-                         e.verdict])
-    return csv_text(header, [[r[i] for r in rows] for i in range(len(header))])
+def _table(datasets: Sequence[ValidatedDataset]) -> dict[str, list[Any]]:
+    """Return the columns of validation.csv; of closure where joint values alone were measured."""
+    rows = [(data, e) for data in datasets for e in data.errors]
+    kinds = ("position", "rotation", *(["closure"] if any(d.alone for d in datasets) else []))
+    return {"dataset": [data.name for data, _ in rows], "model": [e.model for _, e in rows],
+            "rows": [data.rows for data, _ in rows],
+            **{f"{kind}_{k}": [getattr(getattr(e, kind), k, None) for _, e in rows]
+               for kind in kinds for k in SIZES},
+            **{k: [getattr(e, k) for _, e in rows]
+               for k in ("noise", "closer", "low", "high", "verdict")}}
 
 
 def _column_units(units: Units, datasets: Sequence[ValidatedDataset]) -> dict[str, str]:
@@ -190,7 +180,7 @@ def _column_units(units: Units, datasets: Sequence[ValidatedDataset]) -> dict[st
     own = compared.pop() if len(compared) == 1 else f"{units.length}, of rotations {units.angle}"
     return {name: own if name in ("closer", "low", "high") else
             units.length if name.startswith(("position", "closure")) else
-            units.angle if name.startswith("rotation") else "" for name in _header(datasets)}
+            units.angle if name.startswith("rotation") else "" for name in _table(datasets)}
 
 
 def registered_sentence(data: ValidatedDataset) -> str:

@@ -30,6 +30,7 @@ from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.notes import Note
 from ppmcal.store.provenance import Provenance
 from ppmcal.units import Key, Length
+from ppmcal.wording import pluralize
 
 LISTED = 10
 """Rows without assembly modes that are findings of their own."""
@@ -71,13 +72,13 @@ def singularities(found: Workspace) -> list[str]:
     units, quantity = found.mechanism.units, found.distance_quantity
     scale = units.words(found.mechanism.length_scale, "length")
     mixed = len({c >= 3 for c in found.grid.coordinates}) > 1
-    count, pose = len(found.singular), np.zeros(6)
+    pose = np.zeros(6)
     pose[list(found.mechanism.dof)] = list(near.pose.values())
     out = ["Nearest singularity to home on this grid: "
            + units.words(near.distance, quantity)
            + (f" (rotations times {scale})" if mixed else "")
-           + f", at {_place(found, pose)}; {count} singular "
-           f"pose{'' if count == 1 else 's'} in singular.csv."]
+           + f", at {_place(found, pose)}; {pluralize(len(found.singular), 'singular pose')} in "
+           "singular.csv."]
     unsure = int((found.reached & ~found.sure).sum())
     if unsure:
         out.append(f"For {unsure} of {int(found.reached.sum())} reached poses the grid ends nearer "

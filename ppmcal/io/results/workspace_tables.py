@@ -6,18 +6,16 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from math import log10
 from typing import Any
 
 import numpy as np
 
-from ppmcal.calibration.fit import pictures_beside
 from ppmcal.design.assembly_modes import Modes
 from ppmcal.design.workspace import Workspace
 from ppmcal.io import csv_text
 from ppmcal.io.results.parts import ShownTable
-from ppmcal.io.results.tables import joint_columns, map_table, pose_columns
+from ppmcal.io.results.tables import joint_columns, map_pictures, map_table, pose_columns
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.kinematics.region import Map
 from ppmcal.kinematics.tables import limit_reason
@@ -78,12 +76,7 @@ def plotted(found: Workspace) -> list[Map]:
 
 def pictures(found: Workspace) -> dict[str, bytes]:
     """Return file name -> PNG of every map worth one."""
-    from ppmcal.plotting.maps import draw_map
-
-    determinant = found.quality.determinant.reshape(found.grid.shape)
-    return pictures_beside({
-        f"map_{m.name}.png": partial(draw_map, found.mechanism, found.grid, m, determinant)
-        for m in plotted(found)})
+    return map_pictures(found.mechanism, found.grid, plotted(found), found.quality.determinant)
 
 
 def csv_files(found: Workspace, rows: Sequence[ModeRow]) -> dict[str, str]:
