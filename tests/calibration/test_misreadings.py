@@ -50,7 +50,7 @@ from ppmcal.calibration.validation.residual_vectors import held_out, residuals
 from ppmcal.commands.inputs import load, prepared, read_data, shipped
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.errors import BadInput
-from ppmcal.io.results.interpretation import misreading_entries
+from ppmcal.io.results.parts import misreading_entries
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.pose_readings import understood, written
 from ppmcal.kinematics.rotations import ORDERS

@@ -27,7 +27,7 @@ from ppmcal.calibration.interpretation.score import Score, all_rows, first_order
 from ppmcal.calibration.interpretation.search import Way
 from ppmcal.calibration.interpretation.wrong_rows import _best_stretch
 from ppmcal.commands.inputs import prepared
-from ppmcal.io.results.interpretation import misreading_entries
+from ppmcal.io.results.parts import misreading_entries
 from ppmcal.model.dataset import Dataset
 from ppmcal.units import SI
 

@@ -24,7 +24,7 @@ from ppmcal.io.results.identification_wording import (
     sets_of,
     unidentifiable_words,
 )
-from ppmcal.io.results.interpretation import misreading_entries
+from ppmcal.io.results.parts import misreading_entries
 from ppmcal.io.results.scene import Scene
 from ppmcal.io.sidecar import sidecar_path
 from ppmcal.model.dataset import Dataset

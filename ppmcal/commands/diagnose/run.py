@@ -64,9 +64,8 @@ from ppmcal.io.results.diagnosis_wording import (
     unknown_causes,
     verdict,
 )
-from ppmcal.io.results.interpretation import misreading_entries
 from ppmcal.io.results.left_out_wording import another_day, gap_closed, learned_gap, predicted
-from ppmcal.io.results.parts import campaign_sentences
+from ppmcal.io.results.parts import campaign_sentences, misreading_entries
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.sessions import one_session, session_masks

@@ -53,8 +53,8 @@ from ppmcal.commands.spec import Path_, Refusal
 from ppmcal.design.missing_poses import poses_to_tell, weak_campaign
 from ppmcal.diagnosis.left_over_pattern import left_over_pattern, pattern_sentence
 from ppmcal.errors import BadInput, NoResult, PpmcalError
-from ppmcal.io.results.interpretation import FORMAT, misreading_entries
 from ppmcal.io.results.knowledge import KNOWLEDGE, check_data_not_reused, read_posterior
+from ppmcal.io.results.parts import MISREAD, misreading_entries
 from ppmcal.io.sidecar import sidecar_path
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
@@ -155,7 +155,7 @@ def when_refused(error: PpmcalError, _: IdentifyArguments, __: Path | None) -> R
     entries = misreading_entries(error.found, error.units) if isinstance(error,
                                                                          InterpretationError) else (
                                                                              )
-    return Refusal({"format": FORMAT, "exit_code": error.exit_code, "reason": str(error),
+    return Refusal({"format": MISREAD, "exit_code": error.exit_code, "reason": str(error),
                     "misreadings": [e.entries() for e in entries]})
 
 

@@ -125,10 +125,9 @@ def _own(group: Group, name: str) -> str:
     values = [e.parameters[name] for e in group]
     factor, unit = rate(values[0].unit, max((abs(v.value) for v in values if v.value is not None),
                                             default=0.0))
-    values = [v if factor == 1.0 else v.changed(
-        value=None if v.value is None else factor * v.value,
-        **{k: None if size is None else factor * size
-           for k in ("sigma", "low", "high") for size in [getattr(v, k)]}) for v in values]
+    values = [v if factor == 1.0 else v.changed(**{
+        k: None if size is None else factor * size
+        for k in ("value", "sigma", "low", "high") for size in [getattr(v, k)]}) for v in values]
     known = [v.value for v in values if v.value is not None]
     widest = max((v.half for v in values if v.half is not None), default=None)
     each = ", ".join(f"{e.on[0]} {number(v.value)}" for e, v in zip(group, values, strict=True))

@@ -13,12 +13,11 @@ from ppmcal.diagnosis.learned_shapes import LearnedShape, shapes
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.io.results.diagnosis_parts import HeldOutGap
 from ppmcal.io.results.record import Part, PlainCell, Shown, Text
-from ppmcal.linalg import Array
 from ppmcal.model.effects.inputs import DIRECTION
 from ppmcal.model.effects.learned import INPUTS, JOINT
 from ppmcal.model.effects.learned_curve import si_factor
 from ppmcal.units import Key, OfUnit, Quantity, Units
-from ppmcal.wording import number, rounded
+from ppmcal.wording import number
 
 
 class EquationFactor(Part):
@@ -113,6 +112,7 @@ def _words(f: EquationFactor) -> str:
 
 DRAWN, DIGITS = 600, 6
 Curve = Annotated[tuple[Shown | None, ...], Quantity(of="unit", digits=DIGITS)]
+Inputs = Annotated[tuple[Shown | None, ...], Quantity(digits=DIGITS)]
 
 
 class LearnedEntry(Part):
@@ -148,10 +148,10 @@ class LearnedEntry(Part):
     looks: tuple[Text, ...] = ()
     period: Shown | None = None
     near: tuple[Mapping[Text, PlainCell], ...] = ()
-    x: tuple[Shown | None, ...] = ()
+    x: Inputs = ()
     value: Curve = ()
     sigma: Curve = ()
-    at: tuple[Shown | None, ...] = ()
+    at: Inputs = ()
     partial: Curve = ()
     other: Curve = ()
     equation: Annotated[Text | None, Key("equation.text", whole=True)] = None
@@ -185,8 +185,7 @@ class LearnedEntry(Part):
             low=curve.nodes[0] / per + zero, high=curve.nodes[-1] / per + zero, gap=gap,
             period=None if s.period is None else s.period / per,
             near=tuple({"effect": label, "cosine": c} for label, c in s.near),
-            x=_rounded(s.x / per + zero), at=_rounded(s.at[some] / per + zero),
-            partial=s.partial[some],
+            x=s.x / per + zero, at=s.at[some] / per + zero, partial=s.partial[some],
             **(equation_fields(s.equation, where, units) if s.equation else {"equation": None}))
 
 
@@ -204,7 +203,3 @@ def _second(s: LearnedShape, units: Units) -> dict[str, Any]:
 
 def _unit(units: Units, quantity: str) -> str:
     return quantity if quantity == "deg C" else units.name(quantity)
-
-
-def _rounded(values: Array) -> tuple[float | None, ...]:
-    return tuple(rounded(v, DIGITS) for v in values.tolist())

@@ -5,15 +5,20 @@ Keys that a file does not use are not written.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import field
-from typing import Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+import numpy as np
 
 from ppmcal.calibration.fit import WeakCampaign, half_or
 from ppmcal.io.results.record import Finite, Part, PlainCell, Record, Text, Whole
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Key, OfUnit, Units, coordinate_quantity
 from ppmcal.wording import number, pluralize
+
+if TYPE_CHECKING:       # few of whom these parts are had anything read wrongly
+    from ppmcal.calibration.interpretation import Interpretation
 
 
 class Range(Part):
@@ -192,3 +197,44 @@ def geometry_note(mechanism: Mechanism) -> list[str]:
     """Return that an analysis of geometry leaves the file's effects out, if it has any."""
     kinds = ", ".join(dict.fromkeys(e.kind.name for e in mechanism.effects))
     return [f"Geometry only: the file's effects ({kinds}) are left out."] if kinds else []
+
+
+MISREAD = "ppmcal/misread/1"
+"""Format of what says that files were read wrongly, where there is no result."""
+
+
+class MisreadingEntry(Part):
+    """One mistake in one file.
+
+    ``read``: the sidecar's block that corrects all mistakes of that file; null where only the user
+    can; ``sigma``: entries of its ``instrument.sigma`` that belong to that, in its units;
+    ``headers``: of the file -> those to write in their place, where the unit stands in them.
+    ``rows``: where not all; ``residual``: half of the rows miss by more, of the
+    nominal machine at its best registration.
+    """
+
+    file: Text = ""
+    kind: Text = ""
+    columns: tuple[Text, ...] = ()
+    rows: tuple[Whole, ...] | None = None
+    read: Mapping[str, Any] | None = None
+    residual: ErrorChange | None = None
+    text: Text = ""
+    sigma: Mapping[str, float] | None = None
+    headers: Mapping[str, str] | None = None
+
+
+def misreading_entries(found: Sequence[Interpretation], units: Units
+                       ) -> tuple[MisreadingEntry, ...]:
+    """Return one entry for each mistake, file units."""
+    out = []
+    for one in found:
+        miss = ErrorChange.filled(None, units, before=one.before, after=one.after,
+                                  unit=one.quantity)
+        known = np.isfinite(one.after)
+        out += [MisreadingEntry.filled(
+            m, file=one.source, rows=m.rows or None, read=one.block,
+            residual=miss if known else None, text=m.text + one.otherwise * (m is one.mistakes[-1]),
+            sigma=dict(one.sigma) or None, headers=dict(one.headers) or None)
+            for m in one.mistakes]
+    return tuple(out)
