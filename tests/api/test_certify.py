@@ -27,7 +27,7 @@ from ppmcal.commands.certify.figures import bidirectional, one_sided, pose_figur
 from ppmcal.commands.certify.judge import decided
 from ppmcal.commands.certify.pdf import wrapped
 from ppmcal.errors import BadInput
-from ppmcal.io.results.certificate_content import alike
+from ppmcal.io.results.certificate import alike
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import ErrorStages
 from ppmcal.io.results.parts import ErrorSize
