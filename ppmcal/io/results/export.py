@@ -215,7 +215,10 @@ def fixed(value: float | None, unit: str = "") -> str:
     """Return a number with the decimals that suit its unit, empty for none."""
     if not is_known(value):
         return ""
-    return f"{value:.8g}" if abs(value) >= LARGEST_FIXED else f"{value:.{DECIMALS.get(unit, 4)}f}"
+    decimals = DECIMALS.get(unit, 4)
+    # a rounded -0 is 0
+    return (f"{value:.8g}" if abs(value) >= LARGEST_FIXED else
+            f"{round(value, decimals) + 0.0:.{decimals}f}")
 
 
 def error_size(value: float | None, unit: str = "") -> str:
