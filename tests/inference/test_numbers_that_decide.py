@@ -45,7 +45,7 @@ OTHERS = {
         "derived_errors.SMALL", "extended_model.SMALLEST"},
     # what rows can show at all, in sigmas, or as a part that geometry leaves
     "seen": {
-        "candidates.SEEN", "cause_sizes.LINEAR", "held_out_gap.UNPREDICTED",
+        "candidates.APART", "candidates.SEEN", "cause_sizes.LINEAR", "held_out_gap.UNPREDICTED",
         "linear_system.INVISIBLE", "observed_directions.HALF", "onsets.IN_STATE", "onsets.LINEAR",
         "predictive.UNPREDICTED", "linearisation.VISIBLE", "linearisation.WEAK_VISIBILITY",
         "term_candidates.BEYOND", "term_candidates.MARGIN", "term_candidates.TWIN",
