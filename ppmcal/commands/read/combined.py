@@ -28,36 +28,31 @@ OF_TARGET = ("x", "y", "z", "rx", "ry", "rz", *QUATERNION)
 
 
 @dataclass(frozen=True, eq=False)
-class SeenTarget:
-    """What was read of one target.
+class ReadRun:
+    """One measurement file, of one target where there are several.
 
     Attributes:
-        name: the target's.
+        name: of the file, without its end.
         table: in the sidecar's units (N rows).
+        sidecar: what the YAML beside it says.
         data: the same, SI, without rows that cannot be used.
-        sidecar: what a file of this target alone would say.
         stands: number of the machine's stand, from 0 on, of each of the N rows.
+        target: the target's name, empty where there is one.
     """
 
     name: str
     table: Table
+    sidecar: Mapping[str, Any]
     data: Dataset
-    sidecar: Mapping[str, Any]
     stands: Ints
+    target: str = ""
 
 
-@dataclass(frozen=True, eq=False)
-class Combined:
-    """A table of poses with its sidecar, and what is to be said of it."""
-
-    table: Table
-    sidecar: Mapping[str, Any]
-    findings: tuple[Note, ...]
-    sentence: str
-
-
-def combined(targets: Sequence[SeenTarget], machine: Mechanism, place: str) -> Combined:
+def combined(targets: Sequence[ReadRun], machine: Mechanism, place: str
+             ) -> tuple[Table, dict[str, Any], list[str], str]:
     """Return the pose at each stand, of the platform itself in the measuring frame.
+
+    With the sidecar, findings, and what was done in a sentence.
 
     Args:
         targets: of one file; their points are the sidecar's, or what identification found.
@@ -86,14 +81,14 @@ def combined(targets: Sequence[SeenTarget], machine: Mechanism, place: str) -> C
                        "three targets that are not on one line, in the plane two that are apart")
     units = targets[0].data.units
     table = _conditions(targets, stands).put(_columns(found, machine, units))
-    return Combined(table, _sidecar(targets[0], found, machine),
-                    (*_without(found), *_misfits(targets, found)),
-                    f"Combined {', '.join(t.name for t in targets)}: one pose for each of "
-                    f"{pluralize(stands - sum(map(bool, found.reason)), 'row')} of {stands}; their "
-                    "points count as exact.")
+    return (table, _sidecar(targets[0], found, machine),
+            [*_without(found), *_misfits(targets, found)],
+            f"Combined {', '.join(t.target for t in targets)}: one pose for each of "
+            f"{pluralize(stands - sum(map(bool, found.reason)), 'row')} of {stands}; their "
+            "points count as exact.")
 
 
-def _refuse_what_shows_none(targets: Sequence[SeenTarget], machine: Mechanism, place: str) -> None:
+def _refuse_what_shows_none(targets: Sequence[ReadRun], machine: Mechanism, place: str) -> None:
     """Refuse bodies whose targets cannot show a pose."""
     motion = machine.motion
     if not motion.turns:
@@ -114,7 +109,7 @@ def _refuse_what_shows_none(targets: Sequence[SeenTarget], machine: Mechanism, p
                        f"{place}: scale", f"Write its value, or leave out {FLAG}")
 
 
-def _point(target: SeenTarget, machine: Mechanism, place: str) -> Array:
+def _point(target: ReadRun, machine: Mechanism, place: str) -> Array:
     """Return where a target is on the platform, in the file's scale (3,), m.
 
     Raises:
@@ -124,18 +119,18 @@ def _point(target: SeenTarget, machine: Mechanism, place: str) -> Array:
     if not own.target.fitted:
         return np.asarray(own.scale.value[0] * own.target.value)
     # without a name in the sidecar data sets are called by their file
-    called = [own.name, f"{Path(own.source).stem} {target.name}"]
+    called = [own.name, f"{Path(own.source).stem} {target.target}"]
     found = next((machine.registrations[c] for c in called if c in machine.registrations), None)
     if found is None:
         known = f" (it has {', '.join(machine.registrations)})" if machine.registrations else ""
-        raise BadInput(f"where the target {target.name} is on the platform is not known, and the "
+        raise BadInput(f"where the target {target.target} is on the platform is not known, and the "
                        f"mechanism file has no '{own.name}'{known}", f"{place}: "
-                       f"targets.{target.name}", "Write its point [x, y, z] in platform axes, or "
+                       f"targets.{target.target}", "Write its point [x, y, z] in platform axes, or "
                        "give what identify wrote of this file as --mechanism identified.yaml")
     return np.asarray(own.scale.value[0] * found.target)
 
 
-def _conditions(targets: Sequence[SeenTarget], stands: int) -> Table:
+def _conditions(targets: Sequence[ReadRun], stands: int) -> Table:
     """Return what is not of one target in each stand: of the first of its rows."""
     own = {f"{of}{c}" for of in ("", "sigma_", "u95_")
            for c in (*OF_TARGET, "position", "rotation")} | set(CORRELATIONS)
@@ -165,7 +160,7 @@ def _columns(found: BodyPoses, machine: Mechanism, units: Units) -> dict[str, Ar
                for name, (i, j) in CORRELATIONS.items() if i in parts and j in parts})
 
 
-def _sidecar(target: SeenTarget, found: BodyPoses, machine: Mechanism) -> dict[str, Any]:
+def _sidecar(target: ReadRun, found: BodyPoses, machine: Mechanism) -> dict[str, Any]:
     """Return the sidecar of the poses; noise that stands there is what rows typically have."""
     units, parts = target.data.units, POSE.coordinates(machine.motion)
     sigma = np.sqrt(np.nanmedian(np.diagonal(found.covariance, axis1=1, axis2=2), axis=0))
@@ -176,7 +171,7 @@ def _sidecar(target: SeenTarget, found: BodyPoses, machine: Mechanism) -> dict[s
                                           ("rotation", True, units.factor("angle")))}
     gone = ("target", "targets", "target_rotation", "read")
     return {**{k: v for k, v in target.sidecar.items() if k not in gone},
-            "name": str(target.sidecar["name"]).removesuffix(f" {target.name}"),
+            "name": str(target.sidecar["name"]).removesuffix(f" {target.target}"),
             "instrument": {"kind": "pose", "sigma": {**typical, **kept}}, "target": "known"}
 
 
@@ -187,7 +182,7 @@ def _without(found: BodyPoses) -> list[Note]:
             for why in dict.fromkeys(found.reason) if why]
 
 
-def _misfits(targets: Sequence[SeenTarget], found: BodyPoses) -> list[Note]:
+def _misfits(targets: Sequence[ReadRun], found: BodyPoses) -> list[Note]:
     """Return whether what the poses leave of the targets is more than their noise."""
     from scipy.stats import chi2
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from ppmcal.commands.read.options import ReadArguments
 from ppmcal.commands.read.targets import found_offset, known_points, with_targets
 from ppmcal.errors import BadInput
 from ppmcal.io.clock import Clock, on_clock_of
@@ -15,7 +16,7 @@ from ppmcal.io.column_names import is_target
 from ppmcal.io.csv import Table
 from ppmcal.io.foreign import ForeignTable, pose_names
 from ppmcal.io.header import ANGULAR, ReadFile, declared, unit_of
-from ppmcal.io.join import Join, NoMatch, join, unwrapped
+from ppmcal.io.join import NoMatch, join, unwrapped
 from ppmcal.io.measurement_columns import stacked
 from ppmcal.io.reading import in_units
 from ppmcal.linalg import Array
@@ -25,26 +26,6 @@ from ppmcal.units import TURN, Units
 FIND = "find"
 LONGEST = 1e10
 """No two clocks differ by more, s."""
-
-
-@dataclass(frozen=True)
-class JoinOptions:
-    """How points find their rows; see :func:`ppmcal.commands.read.run.read`."""
-
-    by: str | None
-    tolerance: float
-    partial: bool
-    interpolate: bool
-    clock_offset: float | str | None
-
-
-@dataclass(frozen=True)
-class Joined:
-    """One table, with what is to be said of how it was made."""
-
-    table: Table
-    findings: tuple[str, ...] = ()
-    sentences: tuple[str, ...] = ()
 
 
 def sort_out(found: Sequence[ForeignTable], mechanism: Mechanism
@@ -68,28 +49,30 @@ def sort_out(found: Sequence[ForeignTable], mechanism: Mechanism
     return logs[0], [f for f in found if f is not logs[0]]
 
 
-def joined(log: ForeignTable, lists: Sequence[ForeignTable], options: JoinOptions, block: ReadFile,
-           mechanism: Mechanism, units: Units, place: str) -> Joined:
+def joined(log: ForeignTable, lists: Sequence[ForeignTable], asked: ReadArguments, block: ReadFile,
+           mechanism: Mechanism, units: Units, place: str
+           ) -> tuple[Table, tuple[str, ...], tuple[str, ...]]:
     """Return the log with the points beside it, or as it is where there are none.
 
-    ``units`` are those of columns that say nothing else.
+    With findings, and what was done in sentences. ``units`` are those of columns that say nothing
+    else.
 
     Raises:
         BadInput: lists that differ, clocks that cannot be compared, or as :func:`join`.
     """
-    offset = _offset(options.clock_offset)
+    offset = _offset(asked.clock_offset)
     if not lists:
-        for wanted, flag in ((options.interpolate, "--interpolate"), (offset, "--clock-offset"),
-                             (options.by, "--join")):
+        for wanted, flag in ((asked.interpolate, "--interpolate"), (offset, "--clock-offset"),
+                             (asked.join, "--join")):
             if wanted:
                 raise BadInput("there is one table, and nothing to put beside it", flag,
                                "Give a list of points too, or leave the option out")
         table, said = _from_first(log.table, log.clock)
         called = pose_names(table) if "pose" in table.header else []
         table, named = with_targets(table, block.names, called)
-        return Joined(table, (), (*named, *said))
+        return table, (), (*named, *said)
     points = _one_list(lists)
-    by_time = options.by == "time" or options.interpolate or offset is not None
+    by_time = asked.join == "time" or asked.interpolate or offset is not None
     rows = () if by_time or "pose" not in log.table.header else pose_names(log.table)
     table, named = with_targets(
         points.table, block.names, rows,
@@ -110,23 +93,20 @@ def joined(log: ForeignTable, lists: Sequence[ForeignTable], options: JoinOption
             sentences += [*more, str(found)]
             ahead = found.value
         table = table.put({"time": own - float(ahead)})
-    elif timed and options.by != "name" and not _by_name(log.table, table, options):
+    elif timed and asked.join != "name" and not _by_name(log.table, table, asked):
         assert log.clock is not None and points.clock is not None
         times = on_clock_of(log.clock, points.clock, log.table.source, table.source)
         table = table.put({"time": times})
-    by = options.by or ("time" if offset is not None else None)
+    by = asked.join or ("time" if offset is not None else None)
     try:
-        made = join(log.table, table, by, options.tolerance, options.partial, options.interpolate,
+        made = join(log.table, table, by, asked.tolerance, asked.partial, asked.interpolate,
                     _turns(log, block, mechanism, units, place))
     except BadInput as error:
         raise _with_hint(error, log, points, offset) from None
     after, said = _from_first(made.table, log.clock if "time" in log.table.header else points.clock)
-    sentences.append(_how(made))
-    return Joined(after, made.findings, (*sentences, *said))
-
-
-def _how(made: Join) -> str:
-    return f"Joined by {made.by}: {len(made.table)} rows." + (f" {made.how}." if made.how else "")
+    sentences.append(f"Joined by {made.by}: {len(made.table)} rows."
+                     + (f" {made.how}." if made.how else ""))
+    return after, made.findings, (*sentences, *said)
 
 
 def _offset(given: float | str | None) -> float | str | None:
@@ -143,9 +123,9 @@ def _offset(given: float | str | None) -> float | str | None:
     return value
 
 
-def _by_name(log: Table, points: Table, options: JoinOptions) -> bool:
+def _by_name(log: Table, points: Table, asked: ReadArguments) -> bool:
     """Whether names will decide, so that clocks need not agree."""
-    if options.interpolate or options.by == "time":
+    if asked.interpolate or asked.join == "time":
         return False
     both = "pose" in log.header and "pose" in points.header
     mine = {n.rsplit("::", 1)[-1] for n in pose_names(log)} if both else set()

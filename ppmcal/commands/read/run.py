@@ -12,8 +12,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ppmcal.commands.inputs import load
-from ppmcal.commands.read.combined import SeenTarget, combined
-from ppmcal.commands.read.join import Joined, JoinOptions, joined, sort_out
+from ppmcal.commands.read.combined import ReadRun, combined
+from ppmcal.commands.read.join import joined, sort_out
 from ppmcal.commands.read.options import ReadArguments
 from ppmcal.commands.read.targets import each_target
 from ppmcal.commands.read.words import understood
@@ -33,7 +33,6 @@ from ppmcal.io.reading import declared_unit, in_conventions, in_units
 from ppmcal.io.schema import check
 from ppmcal.io.sidecar import FORMAT, SidecarFile, located, sidecar_path
 from ppmcal.io.yaml import dump_yaml, read_yaml
-from ppmcal.linalg import Ints
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import InstrumentKind, number_names
 from ppmcal.model.mechanism import Mechanism
@@ -47,21 +46,6 @@ from ppmcal.wording.told import Told
 GUESS = 1e-5
 """Standard deviation with which an estimate of an unknown noise begins, m and rad."""
 TURNED = (*(f"r{a}" for a in "xyz"), *QUATERNION, *MATRIX)
-
-
-@dataclass(frozen=True, eq=False)
-class ReadRun:
-    """One measurement file: its name without end, table in the sidecar's units, sidecar, data.
-
-    ``target``: that it is of, empty where there is one; ``stands``: of the machine, by row (N,).
-    """
-
-    name: str
-    table: Table
-    sidecar: Mapping[str, Any]
-    data: Dataset
-    target: str = ""
-    stands: Ints | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,13 +138,18 @@ def run(asked: ReadArguments) -> ReadResult:
             runs.append(_of_target(target, table, kept, asked.name, runs, place, machine))
         else:
             runs += _by_target(table, kept, block, asked, place, machine)
-    _refuse_one_name(runs, place)
+    if len({run.name for run in runs}) < len(runs):
+        raise BadInput("two targets would be written to one file", f"{place}: read.names",
+                       "Name them by letters and digits")
+    found = [n for run in runs for n in run.data.findings]
+    notes += dict.fromkeys(found) if asked.combined else found
     if asked.combined:
-        runs, more, said = _combined(runs, asked.name, place, machine)
-        notes, sentences = notes + more, sentences + said
+        table, kept, more, words = combined(runs, machine, place)
+        notes, sentences = notes + more, [*sentences, words]
+        runs = [ReadRun(asked.name, table, kept, _checked(table, kept, place, machine),
+                        np.arange(len(table)))]
     whole = [q for p in paths for q in (sorted(p.iterdir()) if p.is_dir() else [p]) if q.is_file()]
     inputs: list[Path_] = [*whole, *([side] if side else []), *machine.inputs]
-    notes += [n for run in runs for n in run.data.findings if not asked.combined]
     result = ReadResult(source_of("read", inputs, None), tuple(notes), tuple(runs),
                         tuple(sentences))
     if asked.out is not None:
@@ -180,15 +169,13 @@ def _understood(asked: ReadArguments, paths: Sequence[Path], machine: Mechanism,
     refuse_unused(block, found, place)
     log, lists = sort_out(found, machine)
     lists = lists if asked.units is None else [_in_unit(points, asked.units) for points in lists]
-    options = JoinOptions(asked.join, asked.tolerance, asked.partial, asked.interpolate,
-                          asked.clock_offset)
     declared = (machine.units if content is None else
                 check(SidecarFile, dict(content), place).units.units())
-    together = joined(log, lists, options, block, machine, declared, place)
-    notes = [n for f in found for n in f.findings] + list(together.findings)
+    table, odd, said = joined(log, lists, asked, block, machine, declared, place)
+    notes = [n for f in found for n in f.findings] + list(odd)
     by = "sidecar" if content is not None else "mechanism file"
     if content is None:
-        content, more = _unsaid(together.table, machine)
+        content, more = _unsaid(table, machine)
         notes += more
     file = check(SidecarFile, dict(content), place)
 
@@ -202,23 +189,11 @@ def _understood(asked: ReadArguments, paths: Sequence[Path], machine: Mechanism,
         unit = declared_unit(own, machine, own_units, kind)
         return unit, by if unit in (own_units.length, own_units.angle) else ""
 
-    sentences = [understood(f, told) for f in (log, *lists)] + list(together.sentences)
-    table = _declared(together, [log, *lists], block, machine, file.units.units(), place, kind)
+    sentences = [understood(f, told) for f in (log, *lists)] + list(said)
+    table = _declared(table, [log, *lists], block, machine, file.units.units(), place, kind)
     kept = {k: v for k, v in content.items() if k != "read"}
     kept |= {"read": {"shift": block.shift}} if block.shift else {}
     return table, kept, notes, sentences
-
-
-def _combined(runs: Sequence[ReadRun], name: str, place: str, machine: Mechanism
-              ) -> tuple[list[ReadRun], list[str], list[str]]:
-    """Return the one file of poses that several targets show, findings, and what was done."""
-    parts = [SeenTarget(r.target, r.table, r.data, r.sidecar, np.arange(len(r.table))
-                        if r.stands is None else r.stands) for r in runs]
-    made = combined(parts, machine, place)
-    found = [n for r in runs for n in r.data.findings]
-    return ([ReadRun(name, made.table, made.sidecar,
-                     _checked(made.table, made.sidecar, place, machine))],
-            [*dict.fromkeys(found), *made.findings], [made.sentence])
 
 
 def _refuse_to_replace(out: Path, inputs: Sequence[Path], force: bool) -> None:
@@ -241,10 +216,9 @@ def _check_options(join: str | None, units: str | None, tolerance: float) -> Non
         raise BadInput(f"{tolerance} is not a time", "--tolerance", "Write seconds, 0 or more")
 
 
-def _declared(together: Joined, files: Sequence[ForeignTable], block: ReadFile,
-              machine: Mechanism, units: Units, place: str, kind: InstrumentKind | None) -> Table:
+def _declared(table: Table, files: Sequence[ForeignTable], block: ReadFile, machine: Mechanism,
+              units: Units, place: str, kind: InstrumentKind | None) -> Table:
     """Return the table in the sidecar's units, axes and conventions."""
-    table = together.table
     columns = [c for f in files for n, c in f.columns.items() if n in table.header]
     columns = [replace(c, unit="") if c.name == "time" else c
                for c in declared(columns, table, block, place)]
@@ -256,7 +230,8 @@ def _by_target(table: Table, kept: dict[str, Any], block: ReadFile, asked: ReadA
                place: str, machine: Mechanism) -> tuple[ReadRun, ...]:
     """Return one measurement file, or one for each target, all seen from one frame."""
     if "target" not in table.header:
-        return (ReadRun(asked.name, table, kept, _checked(table, kept, place, machine)),)
+        return (ReadRun(asked.name, table, kept, _checked(table, kept, place, machine),
+                        np.arange(len(table))),)
     if kept.get("target") not in (None, "unknown"):
         raise BadInput("there are several targets, and one `target`", f"{place}: target",
                        "Write `target: unknown`, and the points under `read.targets`")
@@ -273,7 +248,7 @@ def _by_target(table: Table, kept: dict[str, Any], block: ReadFile, asked: ReadA
         rows = np.flatnonzero(np.array(table.text["target"]) == target)
         side = {**kept, "target": block.targets.get(target, "unknown")}
         run = _of_target(target, rows_of(bare, rows), side, asked.name, runs, place, machine)
-        runs.append(replace(run, stands=None if stand is None else stand[rows]))
+        runs.append(run if stand is None else replace(run, stands=stand[rows]))
     return tuple(runs)
 
 
@@ -284,14 +259,7 @@ def _of_target(target: str, table: Table, kept: Mapping[str, Any], name: str,
     if before and kept.get("frame") == "unknown":
         side["frame"] = {"same_as": before[0].sidecar["name"]}
     return ReadRun(f"{name}-{re.sub(r'[^A-Za-z0-9_.-]+', '-', target)}", table, side,
-                   _checked(table, side, place, machine, target), target)
-
-
-def _refuse_one_name(runs: Sequence[ReadRun], place: str) -> None:
-    """Refuse two targets whose names are one file's."""
-    if len({r.name for r in runs}) < len(runs):
-        raise BadInput("two targets would be written to one file", f"{place}: read.names",
-                       "Name them by letters and digits")
+                   _checked(table, side, place, machine, target), np.arange(len(table)), target)
 
 
 def table_text(table: Table) -> Content:
