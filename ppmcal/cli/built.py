@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +16,14 @@ from ppmcal.cli.common import (
     MODEL,
     Console,
     FiniteRange,
+    as_run,
     console_options,
     examples,
     out_option,
-    single_files,
     verbose_alone,
 )
 from ppmcal.cli.completion import completed
-from ppmcal.commands import command, folder
+from ppmcal.commands import command
 from ppmcal.commands.spec import PYTHON, Arguments, Command, Script, Taken, flags, taken
 from ppmcal.errors import PpmcalError
 
@@ -82,7 +81,7 @@ def _whole(spec: Command) -> Any:
         console.summary({**result.summary(), **(result.summary_of(written) if written else {})})
         raise click.exceptions.Exit(result.exit_code)
 
-    return console_options(single_files(body) if spec.files else body)
+    return console_options(as_run(body) if spec.files else body)
 
 
 def _of_folder(spec: Command, out: Path) -> dict[str, Any]:
@@ -183,18 +182,15 @@ def _asked(spec: Command, one: Taken) -> Any:
     if how.shown:
         more["show_default"] = True
     if how.prints:
-        more |= {"is_eager": True, "expose_value": False, "callback": _printed(spec, how.prints)}
+        more |= {"is_eager": True, "expose_value": False, "callback": _printed(how.prints)}
     return click.option(*(how.flags or flags(one)), one.name, **more)
 
 
-def _printed(spec: Command, lines: str) -> Callable[..., None]:
+def _printed(lines: Callable[[], Iterable[str]]) -> Callable[..., None]:
     """Return the callback of an option that prints lines and leaves."""
-    module, _, name = lines.partition(":")
-
     def callback(context: click.Context, _: click.Parameter, given: bool) -> None:
         if given and not context.resilient_parsing:
-            within = importlib.import_module(f"ppmcal.commands.{folder(spec.name)}.{module}")
-            for line in getattr(within, name)():
+            for line in lines():
                 click.echo(line)
             context.exit()
 

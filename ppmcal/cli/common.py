@@ -106,13 +106,6 @@ def _say_defaults(context: click.Context) -> None:
         logging.getLogger("ppmcal.cli").info("defaults taken: %s", ", ".join(taken))
 
 
-def _replace_option(name: str) -> Callable[[F], F]:
-    """Return the option to write where files are, ``--overwrite`` and ``name``, as ``force``."""
-    return click.option(*dict.fromkeys((name, "--overwrite")), "force", is_flag=True,
-                        help="Write even where files are that this command did not write, or "
-                        "that were edited since; inputs are never replaced.")
-
-
 def _refuse_force(_: click.Context, __: click.Parameter, given: bool) -> None:
     """Refuse an option that was two (UsageError)."""
     if given:
@@ -120,49 +113,41 @@ def _refuse_force(_: click.Context, __: click.Parameter, given: bool) -> None:
                                "--regardless lifts a refusal.")
 
 
-def _was_two(function: F) -> F:
-    """Return the option that was two, for a command whose option to replace has another name."""
-    return click.option("--force", "was_two", is_flag=True, hidden=True, expose_value=False,
-                        callback=_refuse_force, help="--overwrite, or --regardless.")(function)
+def as_run(function: F, replace: str = "") -> F:
+    """Run a command's body as one run of :mod:`ppmcal.store.folder`: what it reads stays.
 
-
-def single_files(function: F) -> F:
-    """Run a command that writes single files, with ``force`` or without, as a run of its own.
-
-    What it reads is never replaced.
+    Args:
+        function: the body.
+        replace: the option to write into ``out`` where other files are, as ``force``  [default: it
+            writes single files].
     """
     @functools.wraps(function)
-    def body(*args: Any, **options: Any) -> Any:
+    def body(**options: Any) -> Any:
         from ppmcal.store.folder import running
 
         name = click.get_current_context().command.name or ""
-        with running(name, None, bool(options.get("force"))):
-            return function(*args, **options)
+        folder, force = ((options["out"], options.pop("force")) if replace else
+                         (None, bool(options.get("force"))))
+        with running(name, folder, force, option=replace or "--force"):
+            return function(**options)
 
     return cast(F, body)
 
 
-def out_option(default: str, replace: str = "--force") -> Callable[[F], F]:
-    """Return the options ``--out``, with a default folder, and ``replace``.
-
-    The command's body runs as one run of :mod:`ppmcal.store.folder`: what it reads is never
-    replaced, and what it did not write only with ``replace``.
-    """
-    def decorate(function: F) -> F:
-        @functools.wraps(function)
-        def body(*args: Any, out: Path, force: bool, **options: Any) -> Any:
-            from ppmcal.store.folder import running
-
-            name = click.get_current_context().command.name or ""
-            with running(name, out, force, option=replace):
-                return function(*args, out=out, **options)
-
-        asked = folder(_replace_option(replace)(cast(F, body)))
-        return asked if replace == "--force" else _was_two(asked)
-
-    folder = click.option("--out", type=FOLDER, default=default, show_default=True,
-                          help="Folder for the results.")
-    return decorate
+def out_option(default: str, replace: str) -> Callable[[F], F]:
+    """Return the options ``--out``, with a default folder, and ``replace``, of one run."""
+    options = [
+        click.option("--out", type=FOLDER, default=default, show_default=True,
+                     help="Folder for the results."),
+        click.option(*dict.fromkeys((replace, "--overwrite")), "force", is_flag=True,
+                     help="Write even where files are that this command did not write, or "
+                     "that were edited since; inputs are never replaced.")]
+    if replace != "--force":
+        options.append(click.option(
+            "--force", "was_two", is_flag=True, hidden=True, expose_value=False,
+            callback=_refuse_force, help="--overwrite, or --regardless."))
+    return lambda function: functools.reduce(
+        lambda body, option: option(body), reversed(options), as_run(function, replace))
 
 
 class Console:
@@ -171,7 +156,6 @@ class Console:
     def __init__(self, quiet: bool, as_json: bool) -> None:
         """Remember how to print."""
         self.quiet, self.as_json = quiet, as_json
-        self._rich: Any = None
 
     @property
     def speaks(self) -> bool:
@@ -236,15 +220,13 @@ class Console:
             with aside():
                 self.rich.print(table)
 
-    @property
+    @functools.cached_property
     def rich(self) -> Any:
         """The rich console, at most 80 columns wide."""
-        if self._rich is None:
-            from rich.console import Console as Rich
+        from rich.console import Console as Rich
 
-            # names may have brackets and colons, which are not mark-up
-            self._rich = Rich(width=WIDTH, soft_wrap=False, markup=False, emoji=False)
-        return self._rich
+        # names may have brackets and colons, which are not mark-up
+        return Rich(width=WIDTH, soft_wrap=False, markup=False, emoji=False)
 
     def summary(self, content: Mapping[str, Any]) -> None:
         """Print the summary where ``--json`` asks for it."""

@@ -21,8 +21,8 @@ from ppmcal.cli import streams
 from ppmcal.cli.shares import INNER
 from ppmcal.errors import printable
 from ppmcal.wording.progress import Watch, course, watched, watching
+from ppmcal.wording.told import WIDTH
 
-WIDTH = 80
 EVERY = 0.25
 """Seconds between two drawings."""
 FIRST = 0.5

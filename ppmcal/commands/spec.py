@@ -49,8 +49,7 @@ class Option:
             it may be given several times there, where the annotation does not say it.
         typed: default on the command line, where it is another one.
         reads: makes the value of the words of the command line; ValueError: what is wrong.
-        prints: yields lines that are all that the command prints where this option is given, as
-            ``module:function`` of the command's folder.
+        prints: returns the lines that are all that the command prints where this option is given.
         recorded: whether it decides what is found, and not how long it takes or what is replaced.
     """
 
@@ -74,7 +73,7 @@ class Option:
     several: bool | None = None
     typed: Any = None
     reads: Callable[[Sequence[str]], Any] | None = None
-    prints: str = ""
+    prints: Callable[[], Iterator[str]] | None = None
     recorded: bool = True
 
     @property

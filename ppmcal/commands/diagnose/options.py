@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+import textwrap
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 from ppmcal.commands.spec import (
@@ -20,6 +21,21 @@ from ppmcal.commands.spec import (
     seed,
     two_holdouts,
 )
+
+WIDTH = 74
+"""Columns of a reason."""
+
+
+def priors() -> Iterator[str]:
+    """Yield each number that decides what is in the data, with its reason below it."""
+    from ppmcal.inference.priors import CORRELATIONS, table
+
+    several = ", ".join(f"{c:g}" for c in CORRELATIONS)
+    for name, value, reason in (
+            *((name, f"{p.value:.4g}", p.reason) for name, p in table().items()),
+            ("correlations", several, "noise from row to row may have, each as often")):
+        yield f"{name.lower().replace('_', ' ')}: {value}"
+        yield textwrap.indent(textwrap.fill(reason, WIDTH), "    ")
 
 
 @dataclass(frozen=True)
@@ -43,7 +59,7 @@ class DiagnoseArguments(Arguments):
     png: bool = option(False, "Write the pictures as PNG too.")
     priors: bool = option(
         False, "Print every number that decides what is in the data, and its reason.",
-        only=CONSOLE, prints="priors:lines")
+        only=CONSOLE, prints=priors)
 
     def misuse(self, typed: Collection[str]) -> str:
         """Return why options do not go together."""
