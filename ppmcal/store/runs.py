@@ -20,7 +20,7 @@ from ppmcal.limits import FOLDERS
 from ppmcal.store.folder import RECORD, read_record
 from ppmcal.store.inputs import digest_of
 from ppmcal.store.output import KEPT
-from ppmcal.store.provenance import Provenance
+from ppmcal.store.provenance import IN_MEMORY, Provenance
 from ppmcal.store.stage import plain_name
 from ppmcal.store.transaction import recover
 from ppmcal.units import Key
@@ -77,6 +77,19 @@ class RecordedRun:
     command: str
     source: RecordedProvenance
     digests: Mapping[str, str]
+
+    @property
+    def in_memory(self) -> bool:
+        """Whether an argument was an object of Python, which no file holds."""
+        return any(isinstance(v, Mapping) and IN_MEMORY in v
+                   for value in self.source.options.values()
+                   for v in (value if isinstance(value, list | tuple) else [value]))
+
+    @property
+    def data(self) -> list[Any]:
+        """The measurement files that it was given."""
+        given = self.source.options.get("data") or []
+        return given if isinstance(given, list) else [given]
 
     @property
     def whole(self) -> bool:

@@ -25,7 +25,7 @@ from ppmcal.commands.certify.about import read_about
 from ppmcal.commands.certify.evidence import refuse_uncertifiable, refuse_unknown_cause
 from ppmcal.commands.certify.figures import bidirectional, one_sided, pose_figures
 from ppmcal.commands.certify.judge import decided
-from ppmcal.commands.certify.pdf import wrapped
+from ppmcal.commands.certify.printed import wrapped
 from ppmcal.errors import BadInput
 from ppmcal.io.results.certificate import alike
 from ppmcal.io.results.identification import IdentificationRecord

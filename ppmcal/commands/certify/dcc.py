@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from xml.etree import ElementTree as ET
 
-from ppmcal.calibration.validation import Contribution, Figure
+from ppmcal.calibration.validation import Figure
 from ppmcal.errors import printable
-from ppmcal.io.results.certificate import (
-    CertificateRecord,
-    CertifiedParty,
-)
+from ppmcal.io.results.certificate import CertificateRecord, CertifiedParty
 
 DCC, SI = "https://ptb.de/dcc", "https://ptb.de/si"
 VERSION = "3.3.0"
@@ -203,19 +199,15 @@ def _budget(found: ET.Element, record: CertificateRecord) -> None:
     _text(result, "name", f"uncertainty budget of {b.of}")
     data = _sub(result, "data")
     for line in b.lines:
+        degrees = "infinite" if not math.isfinite(line.degrees) else f"{line.degrees:.6g}"
         _quantity(data, f"standard uncertainty: {line.source}", line.standard, unit,
-                  *_told(line))
+                  f"type {line.kind}, {line.distribution}, degrees of freedom {degrees}, "
+                  f"sensitivity {line.sensitivity:g}; {line.note}")
     _quantity(data, "combined standard uncertainty", b.combined, unit)
     _quantity(data, "expanded uncertainty", b.expanded, unit)
     _quantity(data, "coverage factor", b.factor, "")
     if math.isfinite(b.degrees):
         _quantity(data, "effective degrees of freedom", b.degrees, "")
-
-
-def _told(line: Contribution) -> Iterator[str]:
-    degrees = "infinite" if not math.isfinite(line.degrees) else f"{line.degrees:.6g}"
-    yield (f"type {line.kind}, {line.distribution}, degrees of freedom {degrees}, sensitivity "
-           f"{line.sensitivity:g}; {line.note}")
 
 
 def _validity(found: ET.Element, record: CertificateRecord) -> None:

@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from ppmcal.calibration.fit import (
 )
 from ppmcal.calibration.validation import Residuals, residuals, validated, with_and_without
 from ppmcal.commands.inputs import data_files, load, prepared
+from ppmcal.commands.validate.run import to_register
 from ppmcal.commands.verify.options import VerifyArguments
 from ppmcal.commands.verify.run import run as made_again
 from ppmcal.errors import BadInput
@@ -213,8 +213,7 @@ def _from_here(run: RecordedRun, path: str) -> str:
 
 def _data_of(run: RecordedRun) -> list[str]:
     """Return the measurement files that a run was given."""
-    given: Any = run.source.options.get("data", ())
-    return [_from_here(run, p) for p in ([given] if isinstance(given, str) else given)]
+    return [_from_here(run, p) for p in run.data]
 
 
 def _refuse_seen(folder: Path, mechanism: Mechanism, datasets: Sequence[Dataset]) -> None:
@@ -236,7 +235,7 @@ def judged(mechanism: Mechanism, data: Dataset, register: Sequence[str] | None) 
         BadInput: too few rows that the model can predict, or none of a length.
     """
     model = with_and_without(mechanism)[:1]
-    words = None if register is None else tuple(w for w in register if w != "none")
+    words = to_register(register)
     found = validated(model, (data,), words, notes=[])[0]
     asked = found.fitted if words is None else words
     whole, data = data.rows, data.take(~np.isin(data.rows, found.left_out))

@@ -10,8 +10,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
-
 from ppmcal.calibration.validation import Budget, Figure
 from ppmcal.codec import in_units
 from ppmcal.commands.certify.about import LARGEST, NONE, AboutFile, read_about
@@ -19,14 +17,11 @@ from ppmcal.commands.certify.dcc import certificate_xml
 from ppmcal.commands.certify.evidence import Evidence, gathered, refuse_unknown_cause
 from ppmcal.commands.certify.judge import FAIL, budget, decided, figures, places
 from ppmcal.commands.certify.options import CertifyArguments
-from ppmcal.commands.certify.page import html_page
-from ppmcal.commands.certify.pdf import pdf_pages
+from ppmcal.commands.certify.printed import html_page, pdf_pages
 from ppmcal.commands.result import Result
 from ppmcal.errors import BadInput
-from ppmcal.io.results.certificate import (
-    CertificateRecord,
-    CertifiedParty,
-)
+from ppmcal.io import csv_text
+from ppmcal.io.results.certificate import CertificateRecord, CertifiedParty
 from ppmcal.io.results.parts import Range
 from ppmcal.io.results.units import JOINT, MachineUnits
 from ppmcal.model.dataset import ZERO_CELSIUS
@@ -72,16 +67,10 @@ class CertificateResult(Result):
 
     def tables(self) -> Mapping[str, str | bytes]:
         """Return the figures as a table besides the files."""
-        from ppmcal.io import csv_text
-
-        shown = self.record.figures
-        columns = {head: [getattr(f, k) for f in shown] for head, k in (
-            ("symbol", "symbol"), ("name", "name"), ("unit", "unit"), ("norm", "norm"),
-            ("where", "place"), ("why", "why"))}
-        numbers = {k: [np.nan if (v := getattr(f, k)) is None else v for f in shown]
-                   for k in ("value", "expanded")}
-        return {self.TABLE: csv_text([*columns, *numbers], [*columns.values(),
-                                                            *map(np.array, numbers.values())])}
+        fields = {"where": "place"}
+        heads = ("symbol", "name", "unit", "norm", "where", "why", "value", "expanded")
+        return {self.TABLE: csv_text(heads, [
+            [getattr(f, fields.get(h, h)) for f in self.record.figures] for h in heads])}
 
     def headline(self) -> str:
         """Return number, machine and the decision."""

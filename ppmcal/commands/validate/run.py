@@ -17,7 +17,7 @@ from ppmcal.commands.inputs import MODELS, data_files, load, prepared, same_mach
 from ppmcal.commands.result import CalibratedMachine, Result
 from ppmcal.commands.spec import Machine, Path_
 from ppmcal.commands.validate.options import ValidateArguments
-from ppmcal.errors import unknown
+from ppmcal.errors import refuse_unknown
 from ppmcal.io.results.identification_parts import rows_behind
 from ppmcal.io.results.knowledge import KNOWLEDGE
 from ppmcal.io.results.own_calibration import rows_seen, seen_before
@@ -82,7 +82,7 @@ def run(asked: ValidateArguments) -> ValidationResult:
     mechanism = model.mechanism if isinstance(model, CalibratedMachine) else load(model)
     whole = mechanism
     mechanism, datasets = prepared(mechanism, asked.data, "none")
-    words = _words(asked.register)
+    words = to_register(asked.register)
     models = with_and_without(mechanism)
     notes = list[Note]()
     start_stage("looking at the noise")
@@ -140,14 +140,12 @@ def _beside(model: Machine | CalibratedMachine, against: Sequence[Path_]) -> lis
     return [str(b) for p in paths if (b := _calibration(p)) is not None and b.is_file()]
 
 
-def _words(register: Sequence[str] | str | None) -> tuple[str, ...] | None:
+def to_register(register: Sequence[str] | str | None) -> tuple[str, ...] | None:
     """Return what the registration is to fit, None for what files and data say."""
     if register is None or not register:
         return None
     words = (register,) if isinstance(register, str) else tuple(register)
-    for word in words:
-        if word not in (*REGISTERED, "none"):
-            raise unknown("part of a registration", word, [*REGISTERED, "none"], "--register")
+    refuse_unknown("part of a registration", words, [*REGISTERED, "none"], "--register")
     return tuple(w for w in words if w != "none")
 
 
