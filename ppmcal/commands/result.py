@@ -6,7 +6,7 @@ import csv
 import io
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, runtime_checkable
@@ -127,21 +127,15 @@ class Result:
         Raises:
             BadInput: the folder holds other files, or an input of this result.
         """
-        with (one_thread(), path_errors(), stage("writing the results"),
-              self._run(Path(folder), force)):
+        own = nullcontext() if current().command else running(self.COMMAND, Path(folder), force)
+        with one_thread(), path_errors(), stage("writing the results"), own:
+            for path in self.provenance.get("inputs", {}):
+                track_input(path)
+            current().source.update(self.provenance)
             output = Output(folder)
             for name, content in self.files().items():
                 output.add(name, content)
             return output.write()
-
-    @contextmanager
-    def _run(self, folder: Path, force: bool) -> Iterator[None]:
-        """Write as a run of the command, unless one is under way."""
-        with nullcontext() if current().command else running(self.COMMAND, folder, force):
-            for path in self.provenance.get("inputs", {}):
-                track_input(path)
-            current().source.update(self.provenance)
-            yield
 
     def to_frame(self, file: str = "") -> Any:
         """Return a table of the result, in the units of its file.

@@ -127,7 +127,7 @@ def check_folder(folder: Path, run: Run) -> FolderRecord:
         raise BadInput(f"holds results of another command, {', '.join(record.commands)} "
                        f"({abbreviate_list(held)})", str(folder), HINT.format(run.option))
     edited = [n for n, digest in record.of(run.command).items()
-              if _is_there(folder / n) and digest_of(folder / n) != digest]
+              if os.path.lexists(folder / n) and digest_of(folder / n) != digest]
     if edited:
         raise BadInput(f"{abbreviate_list(edited)} {'were' if len(edited) > 1 else 'was'} "
                        "edited since ppmcal wrote it", str(folder), HINT.format(run.option))
@@ -158,7 +158,7 @@ def refuse_inputs(folder: Path, names: Iterable[str], run: Run) -> list[str]:
     Raises:
         BadInput: one is an input of the run.
     """
-    there = [name for name in names if _is_there(folder / name)]
+    there = [name for name in names if os.path.lexists(folder / name)]
     for name in there:
         if identity_of(folder / name) in run.read:
             raise own_input(str(folder / name))
@@ -174,7 +174,7 @@ def stale_files(folder: Path, names: Iterable[str], run: Run) -> list[str]:
     if not (run.command and written):
         return []
     return [n for n, digest in read_record(folder).of(run.command).items()
-            if n not in written and _is_there(folder / n) and digest_of(folder / n) == digest
+            if n not in written and os.path.lexists(folder / n) and digest_of(folder / n) == digest
             and identity_of(folder / n) not in run.read]
 
 
@@ -190,7 +190,7 @@ def record_text(folder: Path, digests: Mapping[str, str], run: Run, gone: Iterab
     """
     away, record = set(gone), read_record(folder)
     known = {name: w for name, w in record.files.items()
-             if _is_there(folder / name) and name not in away}
+             if os.path.lexists(folder / name) and name not in away}
     known |= {name: Written(run.command, digest) for name, digest in digests.items()}
     owners = dict.fromkeys([*record.commands, run.command])
     runs = {name: source for name, source in record.runs.items() if name in owners}
@@ -215,7 +215,3 @@ def _working_folder(folder: Path) -> str:
         return os.path.relpath(os.getcwd(), folder)
     except (OSError, ValueError):    # gone, or on another drive
         return ""
-
-
-def _is_there(path: Path) -> bool:
-    return os.path.lexists(path)

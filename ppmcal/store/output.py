@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Literal, Self
 
 from ppmcal.errors import BadInput
 from ppmcal.store.folder import RECORD, check_files, record_text, refuse_inputs, stale_files
@@ -143,10 +143,10 @@ class Output:
             self.write()
 
 
-def _written(path: Path, content: Content) -> str:
+def _written(path: Path, content: Content, mode: Literal["wb", "xb"] = "wb") -> str:
     """Write a file piece by piece, onto the disk; return its SHA-256."""
     digest = hashlib.sha256()
-    with path.open("wb") as stream:
+    with path.open(mode) as stream:
         for part in encoded(content):
             stream.write(part)
             digest.update(part)
@@ -180,10 +180,7 @@ def replace_kept(path: Path, text: str, digest: str) -> Path:
         kept = _kept(place, now)
         new = place.with_name(f"{place.name}.new-{os.getpid()}")
         try:
-            with new.open("xb") as stream:
-                stream.write(text.encode())
-                stream.flush()
-                os.fsync(stream.fileno())
+            _written(new, text.encode(), "xb")
             shutil.copymode(place, new)
             os.replace(new, place)
         finally:
@@ -199,10 +196,7 @@ def _kept(place: Path, content: bytes) -> Path:
     for number in count(1):
         kept = place.with_name(f"{place.name}{KEPT}{number}")
         try:
-            with kept.open("xb") as stream:
-                stream.write(content)
-                stream.flush()
-                os.fsync(stream.fileno())
+            _written(kept, content, "xb")
         except FileExistsError:
             if kept.is_file() and kept.read_bytes() == content:
                 return kept

@@ -239,7 +239,8 @@ def _carried_over(target: Path, new: Path, replaced: Iterable[str]) -> dict[str,
     found = dict[str, bool]()
     try:
         _like(target, new)
-        held = _entries(target)
+        with os.scandir(target) as entries:
+            held = list(entries)
         if len(held) > MOST or any(e.is_dir(follow_symlinks=False) for e in held):
             return None
         for entry in held:
@@ -251,11 +252,6 @@ def _carried_over(target: Path, new: Path, replaced: Iterable[str]) -> dict[str,
     except (OSError, NotImplementedError):
         return None
     return found
-
-
-def _entries(folder: Path) -> list[os.DirEntry[str]]:
-    with os.scandir(folder) as entries:
-        return list(entries)
 
 
 def _same(path: str, other: Path) -> bool:

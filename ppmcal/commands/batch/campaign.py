@@ -13,7 +13,7 @@ from typing import Any
 
 from ppmcal import __version__
 from ppmcal.commands import command
-from ppmcal.commands.batch.manifest import CampaignJob, options_key
+from ppmcal.commands.batch.manifest import CampaignJob
 from ppmcal.commands.batch.schema import options_of
 from ppmcal.commands.face import carry_out, refused
 from ppmcal.commands.spec import Arguments, Command, taken
@@ -89,7 +89,8 @@ def recalled(path: Path) -> CampaignRecord:
 
 def _key(at: BatchPlace, campaign: CampaignJob) -> str:
     """Return the hash of what is asked, and of the version that answers."""
-    asked = json.dumps([__version__, options_key(campaign), at.place(campaign)])
+    options = json.dumps([campaign.command, campaign.model, campaign.data, campaign.options])
+    asked = json.dumps([__version__, options, at.place(campaign)])
     return hashlib.sha256(asked.encode()).hexdigest()
 
 

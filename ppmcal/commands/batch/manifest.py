@@ -8,7 +8,6 @@ whose files there are.
 from __future__ import annotations
 
 import glob
-import json
 import os
 import re
 import shlex
@@ -189,8 +188,3 @@ def _shape(pattern: str) -> re.Pattern[str]:
         else:
             text += _MEANING.get(token) or re.escape(token)
     return re.compile(text)
-
-
-def options_key(campaign: CampaignJob) -> str:
-    """Return everything that a campaign asks for but its files' content, as one text."""
-    return json.dumps([campaign.command, campaign.model, campaign.data, campaign.options])

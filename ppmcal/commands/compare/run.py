@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from ppmcal.io.results.knowledge import KNOWLEDGE, read_knowledge, read_posterio
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import FINDING, NOTE, Note
 from ppmcal.store.inputs import digest_of
-from ppmcal.store.provenance import IN_MEMORY, source_of
+from ppmcal.store.provenance import source_of
 from ppmcal.store.runs import FoundInputs, RecordedRun, runs_of
 from ppmcal.wording import abbreviate_list, number
 from ppmcal.wording.told import ShortTable, Told
@@ -74,7 +74,9 @@ def _run(folder: Path) -> tuple[RecordedRun, Mapping[str, Path]]:
     """
     where = str(folder)
     run = next((r for r in runs_of(folder) if r.source.function == FUNCTION), None)
-    if run is None or _in_memory(run.source.options):
+    # neither of them may have been an object of Python
+    if run is None or not run.data or not all(
+            isinstance(v, str) for v in (run.source.options.get("mechanism"), *run.data)):
         raise BadInput("it is not recorded from which files it was made", where)
     if run.source.options.get("keep"):
         raise BadInput("carries on an earlier calibration, whose rows it does not have", where)
@@ -92,23 +94,11 @@ def _refuse_other_sidecars(run: RecordedRun, places: Mapping[str, Path]) -> None
     Raises:
         BadInput: with the sidecar's name.
     """
-    stems = {os.path.splitext(path)[0]: places[path] for path in _tables(run) if path in places}
+    stems = {os.path.splitext(path)[0]: places[path] for path in run.data if path in places}
     for other, digest in run.source.inputs.items():
         table = stems.get(os.path.splitext(other)[0])
         if table is not None and digest != digest_of(table.with_name(os.path.basename(other))):
             raise BadInput(f"{other}, behind it, has changed since beside {table}", str(run.folder))
-
-
-def _tables(run: RecordedRun) -> list[str]:
-    data = run.source.options["data"]
-    return list(data) if isinstance(data, list) else [data]
-
-
-def _in_memory(options: Mapping[str, Any]) -> bool:
-    """Whether machine or data were objects of Python, which no file holds."""
-    data = options.get("data")
-    every = [options.get("mechanism"), *(data if isinstance(data, list) else [data])]
-    return any(not isinstance(v, str) or IN_MEMORY in v for v in every)
 
 
 def _path(places: Mapping[str, Path], path: str) -> str:
@@ -134,7 +124,7 @@ def _fitted(run: RecordedRun, places: Mapping[str, Path], machine: str, free: Se
         BadInput, NoResult: as ``identify``; or the machine's file has other parameters.
     """
     own = run.source.options
-    found, datasets = prepared(machine, [_path(places, d) for d in _tables(run)])
+    found, datasets = prepared(machine, [_path(places, d) for d in run.data])
     if list(found.names) != list(names):
         raise BadInput(f"{machine} has other parameters than the calibration", str(run.folder))
     method = _method(run)

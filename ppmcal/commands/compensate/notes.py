@@ -29,11 +29,9 @@ def after_events(machine: Mechanism, frame: str) -> Iterator[Note]:
             continue
         by = {s.name: effect.parameters[s.name] for s in effect.kind.parameters(machine.motion)}
         row = machine.values[by.pop(effect.kind.onset)]
-        sizes = []
-        for p in by.values():
-            name = machine.names[p]
-            sizes.append(f"{name} = {number(machine.values[p] / column_factor(machine, name))} "
-                         f"{parameter_unit(machine, name)}")
+        sizes = [f"{name} = {number(machine.values[p] / column_factor(machine, name))} "
+                 f"{parameter_unit(machine, name)}"
+                 for p in by.values() for name in [machine.names[p]]]
         yield Note(f"commands are for the machine as it was from row {row:.0f} of the measurements "
                    f"on, with {abbreviate_list(sizes)}. If that was undone since (homed anew, put "
                    "back), take the effect out of the mechanism file and run compensate again",

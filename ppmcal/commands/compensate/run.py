@@ -14,7 +14,6 @@ from ppmcal.calibration.compensation import (
     KINDS,
     Compensation,
     ParameterCovariance,
-    Readings,
     Targets,
     averaged,
     is_worse,
@@ -37,7 +36,7 @@ from ppmcal.commands.compensate.recorded import Forms, asked_form, known_form, w
 from ppmcal.commands.inputs import files_of, load, place_of, refuse_unfit, refuse_unrecorded
 from ppmcal.commands.result import CalibratedMachine, Result
 from ppmcal.commands.spec import Machine, Path_
-from ppmcal.errors import BadInput, NoResult, unknown
+from ppmcal.errors import BadInput, NoResult, refuse_unknown
 from ppmcal.io import read_poses
 from ppmcal.io.poses import PoseTable
 from ppmcal.io.results.batch import CampaignQuantity
@@ -202,7 +201,8 @@ def run(asked: CompensateArguments) -> CompensationResult:
     _refuse_short(machine, poses, place_of(targets, "poses"), sequence)
     found = compensated(machine, poses.poses, registration, known, name, poses.environment,
                         sequence)
-    readings, others = _readings(model, machine)
+    readings, others = ((model.readings, []) if isinstance(model, CalibratedMachine) else
+                        read_other_models(Path(machine.source), machine))
     found, told = averaged(machine, found, readings, known,
                            Targets(poses.poses, name, poses.environment, sequence))
     inputs = [*machine.inputs, *files_of(targets), *files, *others]
@@ -230,13 +230,6 @@ def run(asked: CompensateArguments) -> CompensationResult:
     return replace(result, findings=tuple(lifted), compensation=found, notes=tuple(notes),
                    recorded=None if form is None else (
                        form_of, with_digits(form, machine, found)))
-
-
-def _readings(model: Machine | CalibratedMachine, machine: Mechanism) -> tuple[Readings, list[str]]:
-    """Return the other readings of the measurements behind a model, and their files."""
-    if isinstance(model, CalibratedMachine):
-        return model.readings, []
-    return read_other_models(Path(machine.source), machine)
 
 
 def _known(model: Machine | CalibratedMachine, knowledge: Path_ | None
@@ -335,8 +328,7 @@ def _frame(mechanism: Mechanism, frame: str | None) -> tuple[Registration, str]:
                 else "the model knows no measuring frame: it was not identified")
         raise BadInput(what, f"{mechanism.source}: measurement.datasets",
                        f"Choose with --frame: {', '.join([*names, 'base'])}")
-    if frame not in names:
-        raise unknown("data set", frame, [*names, "base"], "--frame")
+    refuse_unknown("data set", [frame], [*names, "base"], "--frame")
     return true_lengths(mechanism.registrations[frame]), frame
 
 

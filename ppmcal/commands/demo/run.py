@@ -24,7 +24,7 @@ def run(asked: DemoArguments) -> Script:
 def _steps(out: Path, folder: Path) -> list[Step]:
     mech, data = folder / "hexapod.yaml", folder / "measurements.csv"
     model = out / "identified" / "identified.yaml"
-    return [_step(question, *words) for question, *words in (
+    return [Step(question, tuple(map(str, words))) for question, *words in (
         ("Is the file the machine that it should be, and can the tracker see its parameters?",
          "check", mech, data),
         ("What are the machine's true dimensions?",
@@ -46,7 +46,3 @@ def _steps(out: Path, folder: Path) -> list[Step]:
          "report", out / "identified", out / "diagnosed", out / "compensated",
          out / "kinematics", out / "simulated", out / "sensitivity", out / "plan", "--out",
          out / "report"))]
-
-
-def _step(question: object, *words: object) -> Step:
-    return Step(str(question), tuple(map(str, words)))

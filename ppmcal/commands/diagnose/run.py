@@ -35,14 +35,14 @@ from ppmcal.commands.identify.run import (
 )
 from ppmcal.commands.inputs import data_files, prepared
 from ppmcal.commands.result import Result
-from ppmcal.commands.spec import Path_, Refusal
+from ppmcal.commands.spec import Refusal
 from ppmcal.design.missing_poses import weak_campaign
 from ppmcal.diagnosis.diagnose import DiagnosisOptions
 from ppmcal.diagnosis.hypotheses import SOME_FILES, Untestable
 from ppmcal.diagnosis.next_experiment import with_poses
 from ppmcal.diagnosis.own_noise import diagnose_with_own_noise
 from ppmcal.diagnosis.result import Diagnosis
-from ppmcal.errors import BadInput, PpmcalError, unknown
+from ppmcal.errors import BadInput, PpmcalError, refuse_unknown
 from ppmcal.io.results.batch import CampaignQuantity, effect_quantities, fit_quantities
 from ppmcal.io.results.diagnosis import DiagnosisRecord, files
 from ppmcal.io.results.diagnosis_parts import EffectValue, HeldOutGap
@@ -248,9 +248,7 @@ class DiagnosisResult(Result):
 def run(asked: DiagnoseArguments) -> DiagnosisResult:
     """Find the physical effect that a model misses, name it and add it."""
     kinds, holdout, seed = asked.kinds, asked.holdout, asked.seed
-    for kind in kinds:
-        if kind != GEOMETRY and kind not in effect_kinds():
-            raise unknown("effect", kind, [*effect_kinds(), GEOMETRY], "--kind")
+    refuse_unknown("effect", kinds, [*effect_kinds(), GEOMETRY], "--kind")
     if not 0.0 <= holdout <= 0.9:
         raise BadInput(f"{holdout:g} is not a fraction of the poses", "--holdout", "Give 0 to 0.9")
     machine, datasets = prepared(asked.mechanism, asked.data, asked.free)
@@ -286,35 +284,22 @@ def run(asked: DiagnoseArguments) -> DiagnosisResult:
 
 def when_refused(error: PpmcalError, asked: DiagnoseArguments, folder: Path | None
                  ) -> Refusal | None:
-    """Write diagnosis.json with how files are to be read, where that is known."""
+    """Write diagnosis.json with how files are to be read, where they were read wrongly."""
     if not isinstance(error, InterpretationError) or not error.found or folder is None:
         return None
     machine, datasets = prepared(asked.mechanism, asked.data)
-    record = misread_record(error, machine, [*machine.inputs, *data_files(datasets)], asked.seed)
+    record = DiagnosisRecord(
+        format=DiagnosisRecord.FORMAT, name=machine.name, verdict="misread",
+        misreadings=misreading_entries(error.found, machine.units), effects=(), localised=(),
+        not_testable=(), follows=None, p_value=None,
+        gap=HeldOutGap(noise=1.0, before=None, after=None, closed=None, interval=None),
+        next_reason="Correct how the file is read, then diagnose again.", next_file=None,
+        findings=tuple(f"{m.source}: {interpretation_sentence(m, machine.units)}."
+                       for m in error.found), units=machine.units,
+        provenance=Provenance(**source_of(
+            "diagnose", [*machine.inputs, *data_files(datasets)], asked.seed)))
     current().source.update(encoded(record.provenance))
     output = Output(folder)
     output.add(record.FILE, record.text())
     output.write()
     return Refusal(record.entries(), (record.FILE,))
-
-
-def misread_record(refused: InterpretationError, machine: Mechanism, inputs: Sequence[Path_],
-                   seed: int
-                   ) -> DiagnosisRecord:
-    """Return the content of diagnosis.json for files that were read wrongly.
-
-    Args:
-        refused: what :func:`run` raised.
-        machine: that it was.
-        inputs: files that were read.
-        seed: as given.
-    """
-    return DiagnosisRecord(
-        format=DiagnosisRecord.FORMAT, name=machine.name, verdict="misread",
-        misreadings=misreading_entries(refused.found, machine.units), effects=(), localised=(),
-        not_testable=(), follows=None, p_value=None,
-        gap=HeldOutGap(noise=1.0, before=None, after=None, closed=None, interval=None),
-        next_reason="Correct how the file is read, then diagnose again.", next_file=None,
-        findings=tuple(f"{m.source}: {interpretation_sentence(m, machine.units)}."
-                       for m in refused.found), units=machine.units,
-        provenance=Provenance(**source_of("diagnose", inputs, seed)))

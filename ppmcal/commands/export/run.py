@@ -14,13 +14,7 @@ from ppmcal.commands.inputs import files_of, imports_behind, load, refuse_unfit
 from ppmcal.commands.result import Result
 from ppmcal.commands.spec import Path_
 from ppmcal.controllers import loaded
-from ppmcal.controllers.export import (
-    UNKNOWN,
-    Exported,
-    Exporter,
-    pose_uncertainty,
-    record_of,
-)
+from ppmcal.controllers.export import UNKNOWN, Exported, Exporter, pose_uncertainty, record_of
 from ppmcal.controllers.number_intervals import with_intervals
 from ppmcal.errors import BadInput
 from ppmcal.io.csv_writer import csv_text
@@ -119,13 +113,9 @@ class ExportResult(Result):
 
     def tables(self) -> Mapping[str, Content]:
         """Return the controller's numbers as a table besides the files."""
-        numbers = self.exported.numbers
-        own = csv_text(["parameter", "old", "new", "half", "unit"],
-                       [[n.name for n in numbers], *([float("nan") if v is None else v for v in col]
-                                                     for col in zip(*((n.old, n.new, n.half)
-                                                                      for n in numbers),
-                                                                    strict=True)),
-                        [n.unit for n in numbers]])
+        own = csv_text(["parameter", "old", "new", "half", "unit"], [
+            [getattr(n, field) for n in self.exported.numbers]
+            for field in ("name", "old", "new", "half", "unit")])
         return {**super().tables(), self.TABLE: own}
 
     @property

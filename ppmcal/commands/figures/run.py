@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 from ppmcal.commands.figures.options import FORMATS, FiguresArguments
 from ppmcal.commands.result import Result
-from ppmcal.errors import unknown
+from ppmcal.errors import refuse_unknown
 from ppmcal.io import csv_text
 from ppmcal.notes import Note
 from ppmcal.report import collect, results_of
@@ -76,8 +76,7 @@ class FiguresResult(Result):
 def run(asked: FiguresArguments) -> FiguresResult:
     """Draw the figures of output folders for papers."""
     width = asked.millimetres
-    if asked.form not in FORMATS:
-        raise unknown("format", asked.form, FORMATS, "--format")
+    refuse_unknown("format", [asked.form], FORMATS, "--format")
     notes = list[Note]()
     folders = results_of([Path(f) for f in asked.folders])
     found = sheets(collect(folders), notes, tuple(asked.only))

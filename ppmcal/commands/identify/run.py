@@ -152,9 +152,8 @@ def run(asked: IdentifyArguments) -> IdentificationResult:
 
 def when_refused(error: PpmcalError, _: IdentifyArguments, __: Path | None) -> Refusal:
     """Return why there is no result; of files that were read wrongly also how to read them."""
-    entries = misreading_entries(error.found, error.units) if isinstance(error,
-                                                                         InterpretationError) else (
-                                                                             )
+    entries = (misreading_entries(error.found, error.units)
+               if isinstance(error, InterpretationError) else ())
     return Refusal({"format": MISREAD, "exit_code": error.exit_code, "reason": str(error),
                     "misreadings": [e.entries() for e in entries]})
 

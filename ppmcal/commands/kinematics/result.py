@@ -214,11 +214,15 @@ class SolvedRows:
         return replace(self, at=self.at.take(some))
 
 
-def model_sigma(mechanism: Mechanism, solved: SolvedRows, known: CarriedKnowledge | None
-                ) -> ModelSigma:
-    """Return how well kinematics are known: columns in file units, and the entry of the JSON."""
+def model_sigma(mechanism: Mechanism, solved: SolvedRows
+                ) -> tuple[CarriedKnowledge | None, ModelSigma]:
+    """Return what is known of a model, and how well that knows its kinematics.
+
+    The latter as columns in file units, and as the entry of the JSON.
+    """
+    known = carried(mechanism)
     if known is None:
-        return ModelSigma()
+        return None, ModelSigma()
     if known.source == TOLERANCES:
         solved = solved.first(MOST)
     knowledge, columns = known.knowledge, dict[str, Array]()
@@ -228,13 +232,13 @@ def model_sigma(mechanism: Mechanism, solved: SolvedRows, known: CarriedKnowledg
         columns["sigma_position"] = position / mechanism.units.factor("length")
         if mechanism.motion.turns:
             columns["sigma_rotation"] = rotation / mechanism.units.factor("angle")
-        return ModelSigma.of(mechanism, columns, known.source, solved.dataset or "base")
+        return known, ModelSigma.of(mechanism, columns, known.source, solved.dataset or "base")
     k = len(mechanism.actuators)
     q = _joints(mechanism, solved, knowledge)
     columns |= joint_columns(mechanism, q[:, :k], "sigma_q_{}")
     if q.shape[1] > k:
         columns |= joint_columns(mechanism, q[:, k:], "sigma_rate_{}")
-    return ModelSigma.of(mechanism, columns, known.source, "")
+    return known, ModelSigma.of(mechanism, columns, known.source, "")
 
 
 def _joints(mechanism: Mechanism, solved: SolvedRows, knowledge: ParameterCovariance) -> Array:

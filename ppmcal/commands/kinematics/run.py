@@ -11,17 +11,10 @@ from ppmcal.calibration.compensation import PoseRows
 from ppmcal.calibration.fit import secondary, stretched
 from ppmcal.commands.inputs import files_of, load, place_of, refuse_unrecorded
 from ppmcal.commands.kinematics.options import KinematicsArguments
-from ppmcal.commands.kinematics.result import (
-    CarriedKnowledge,
-    KinematicsResult,
-    Solve,
-    SolvedRows,
-    carried,
-    model_sigma,
-)
+from ppmcal.commands.kinematics.result import KinematicsResult, Solve, SolvedRows, model_sigma
 from ppmcal.design.every_mode import every_mode
 from ppmcal.design.intersection import forward_by_intersection
-from ppmcal.errors import BadInput, unknown
+from ppmcal.errors import BadInput, refuse_unknown
 from ppmcal.io import read_joints, read_poses, twists
 from ppmcal.io.grid import read_point
 from ppmcal.io.pose_fields import check_convention
@@ -65,8 +58,7 @@ def run(asked: KinematicsArguments) -> KinematicsResult:
     way are marked in ``status``.
     """
     which, table, method = asked.which, asked.table, asked.method
-    if which not in WHICH:
-        raise unknown("kinematics", which, WHICH)
+    refuse_unknown("kinematics", [which], WHICH)
     _refuse_options(asked)
     machine, dataset, seed = load(asked.mechanism), asked.dataset, asked.seed
     convention = _point(asked.tool, machine), check_convention(asked.rotation, machine)
@@ -89,17 +81,11 @@ def run(asked: KinematicsArguments) -> KinematicsResult:
     seen = machine.registrations[dataset] if dataset is not None else Registration() if (
         convention[0] is None) else PoseConvention(convention[0]).registration
     solved = SolvedRows(which, PoseRows(found.pose, found.q, rows), seen, dataset or "", solve)
-    known, sure = secondary(HOW_SURE, lambda: _sure(machine, solved), (None, UNKNOWN), notes)
+    known, sure = secondary(HOW_SURE, lambda: model_sigma(machine, solved), (None, UNKNOWN), notes)
     source = source_of("kinematics", [*machine.inputs, *files_of(table),
                                       *(known.files if known else ())], used)
     return KinematicsResult(source, tuple(notes), machine, which, found, form, given, modes, sure,
                             asked.pictures)
-
-
-def _sure(machine: Mechanism, solved: SolvedRows) -> tuple[CarriedKnowledge | None, ModelSigma]:
-    """Return what is known of the model, and how well that knows its kinematics."""
-    known = carried(machine)
-    return known, model_sigma(machine, solved, known)
 
 
 def _refuse_options(asked: KinematicsArguments) -> None:
@@ -176,9 +162,8 @@ def _solved(which: str, machine: Mechanism, table: Any, asked: tuple[Array | Non
 def _as_measured(mechanism: Mechanism, dataset: str, found: KinematicsTable, rows: Environment
                  ) -> Array:
     """Return the poses (N, 6) as an instrument of the model's file would show them."""
-    if dataset not in mechanism.registrations:
-        raise unknown("data set", dataset, mechanism.registrations, f"{mechanism.source}: "
-                      "measurement.datasets")
+    refuse_unknown("data set", [dataset], mechanism.registrations,
+                   f"{mechanism.source}: measurement.datasets")
     registration = mechanism.registrations[dataset]
     seen = np.full_like(found.pose, np.nan)
     good = finite_rows(found.pose)

@@ -19,7 +19,7 @@ from ppmcal.commands.read.targets import each_target
 from ppmcal.commands.read.words import understood
 from ppmcal.commands.result import Result
 from ppmcal.commands.spec import Path_
-from ppmcal.errors import BadInput, unknown
+from ppmcal.errors import BadInput, refuse_unknown, unknown
 from ppmcal.io.body_targets import stands
 from ppmcal.io.column_names import LABELS
 from ppmcal.io.csv import Table, csv_table
@@ -236,9 +236,7 @@ def _by_target(table: Table, kept: dict[str, Any], block: ReadFile, asked: ReadA
         raise BadInput("there are several targets, and one `target`", f"{place}: target",
                        "Write `target: unknown`, and the points under `read.targets`")
     targets, runs = list(dict.fromkeys(table.text["target"])), list[ReadRun]()
-    for target in block.targets:
-        if target not in targets:
-            raise unknown("target", target, targets, f"{place}: read.targets")
+    refuse_unknown("target", block.targets, targets, f"{place}: read.targets")
     bare = table.without(("target",))
     stand = None
     if asked.combined:

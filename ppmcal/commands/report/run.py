@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import webbrowser
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -43,9 +44,9 @@ class ReportResult(Result):
 
     def tables(self) -> Mapping[str, str | bytes]:
         """Return what needs a look, as a table besides the files."""
-        rows = self.content["attention"]
-        return {self.TABLE: csv_text(["where", "what"], [[r["where"] for r in rows],
-                                                         [r["what"] for r in rows]])}
+        heads = ("where", "what")
+        return {self.TABLE: csv_text(heads, [[r[h] for r in self.content["attention"]]
+                                             for h in heads])}
 
     def told(self) -> Iterator[Told]:
         """Yield nothing: the page says it."""
@@ -55,7 +56,7 @@ class ReportResult(Result):
         """Yield where the page is, which is opened where that is wanted and can be done."""
         yield from super().finished(written, asked)
         page = next(p for p in written if p.suffix == ".html")
-        if not (asked.open_page and _opened(page)):
+        if not (asked.open_page and webbrowser.open(page.resolve().as_uri())):
             yield f"Open {page} in a browser."
 
     def summary(self) -> Mapping[str, Any]:
@@ -91,10 +92,3 @@ def _use(one: Identified) -> str:
         return ""
     own = [] if old else [to_compensate(one.folder)]
     return "; ".join([*own, *found])
-
-
-def _opened(page: Path) -> bool:
-    """Open a page; whether there was a browser to do it."""
-    import webbrowser
-
-    return webbrowser.open(page.resolve().as_uri())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
@@ -49,8 +49,7 @@ class SimulationResult(Result):
 
     def save(self, folder: Path_, force: bool = False) -> list[Path]:
         """Write the command's files; the data set is called like the folder."""
-        named = SimulationResult(self.provenance, self.findings, self.mechanism, self.scenario,
-                                 self.campaign, Path(folder).name)
+        named = replace(self, name=Path(folder).name)
         return super(SimulationResult, named).save(folder, force)
 
     @cached_property

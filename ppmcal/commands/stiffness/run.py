@@ -26,13 +26,12 @@ from ppmcal.io.results.stiffness_tables import (
 from ppmcal.kinematics.loads import only_pull
 from ppmcal.kinematics.region import Grid
 from ppmcal.linalg import Array
-from ppmcal.model.dataset import STANDARD_GRAVITY
+from ppmcal.model.dataset import STANDARD_GRAVITY, WRENCH
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import NOTE, Note
 from ppmcal.store.provenance import source_of
 from ppmcal.wording.told import ShortTable
 
-WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 LARGEST = 1e12
 
 

@@ -28,7 +28,6 @@ from ppmcal.notes import Note
 from ppmcal.store.differences import compared
 from ppmcal.store.folder import RECORD, read_record, running
 from ppmcal.store.inputs import digest_of
-from ppmcal.store.provenance import IN_MEMORY
 from ppmcal.store.runs import (
     RESULTS,
     FoundInputs,
@@ -116,7 +115,7 @@ def run(asked: VerifyArguments) -> VerificationResult:
 def _checked(run: RecordedRun, inputs: Path | None) -> list[RunCheck]:
     """Do a run again and compare; its own check first, then those of the folders within."""
     spec = recorded(run.source.function)
-    if spec is None or _in_memory(run.source.options):
+    if spec is None or run.in_memory:
         why = ("a machine or data were given to Python in memory" if spec else
                "it is not recorded how it was written, or by another version")
         return [_ended(run, UNKNOWN, f"cannot be run again, {why}.")]
@@ -227,9 +226,3 @@ def _arguments(spec: Command, options: Mapping[str, Any]) -> Arguments:
         raise BadInput(f"the option '{strange[0]}' is of another version of ppmcal", "",
                        "Run it again with the version that is recorded")
     return spec.arguments(**options)
-
-
-def _in_memory(options: Mapping[str, Any]) -> bool:
-    """Whether an argument was an object of Python, which no file holds."""
-    return any(isinstance(v, Mapping) and IN_MEMORY in v for value in options.values()
-               for v in (value if isinstance(value, list | tuple) else [value]))
