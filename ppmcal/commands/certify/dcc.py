@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
 from ppmcal.calibration.validation import Figure
@@ -18,6 +19,8 @@ UNITS = {"m": ("\\metre", 1.0), "cm": ("\\centi\\metre", 1.0), "mm": ("\\milli\\
          "N": ("\\newton", 1.0), "N m": ("\\newton\\metre", 1.0)}
 """A unit of ours in D-SI, and how many of that it is: D-SI knows no inch."""
 NOTE = {"ISO 9283": "ISO 9283:1998", "ISO 230-2": "ISO 230-2:2014"}
+Part = tuple[str, str | Sequence["Part"]]
+"""An element: its name, and its text or the elements within it."""
 
 
 def certificate_xml(record: CertificateRecord) -> str:
@@ -28,211 +31,178 @@ def certificate_xml(record: CertificateRecord) -> str:
         "schemaVersion": VERSION,
         "{http://www.w3.org/2001/XMLSchema-instance}schemaLocation":
             f"{DCC} {DCC}/v{VERSION}/dcc.xsd"})
-    _administrative(root, record)
-    results = _sub(_sub(root, "measurementResults"), "measurementResult")
-    _text(results, "name", f"Calibration of {record.name}")
-    _rich(results, "description", *filter(None, (record.basis, record.gauge)))
-    _methods(results, record)
-    if record.instrument is not None:
-        _instrument(_sub(results, "measuringEquipments"), record)
-    _conditions(results, record)
-    found = _sub(results, "results")
-    for figure in record.figures:
-        if figure.value is not None:
-            _figure(found, figure, record)
-    _budget(found, record)
-    _validity(found, record)
-    _decision(results, record)
+    _grow(root, [_administrative(record),
+                 ("measurementResults", [("measurementResult", _results(record))])])
     ET.indent(root)
     return ET.tostring(root, "unicode", xml_declaration=False).join((
         '<?xml version="1.0" encoding="UTF-8"?>\n', "\n"))
 
 
-def _sub(parent: ET.Element, name: str, text: str = "", space: str = DCC) -> ET.Element:
-    out = ET.SubElement(parent, f"{{{space}}}{name}")
-    if text:
-        out.text = printable(text)    # XML has no control characters
-    return out
+def _grow(parent: ET.Element, parts: Sequence[Part]) -> None:
+    """Add elements, and what is within them; texts are in English."""
+    for name, content in parts:
+        of_si = name.startswith("si:")
+        one = ET.SubElement(parent, f"{{{SI if of_si else DCC}}}{name.removeprefix('si:')}")
+        if name == "content":
+            one.set("lang", "en")
+        if not isinstance(content, str):
+            _grow(one, content)
+        elif content:
+            one.text = printable(content)    # XML has no control characters
 
 
-def _text(parent: ET.Element, name: str, text: str) -> None:
-    """Add a text in English: a name."""
-    _sub(_sub(parent, name), "content", text).set("lang", "en")
+def _named(text: str) -> Part:
+    return "name", [("content", text)]
 
 
-def _rich(parent: ET.Element, name: str, *texts: str) -> None:
-    """Add paragraphs in English."""
-    if texts:
-        inner = _sub(parent, name)
-        for text in texts:
-            _sub(inner, "content", text).set("lang", "en")
+def _given(name: str, text: str) -> list[Part]:
+    """Return an element that is left out where there is no text."""
+    return [(name, text)] if text else []
 
 
-def _identified(parent: ET.Element, issuer: str, value: str, name: str) -> None:
-    one = _sub(_sub(parent, "identifications"), "identification")
-    _sub(one, "issuer", issuer)
-    _sub(one, "value", value)
-    _text(one, "name", name)
+def _rich(name: str, *texts: str) -> list[Part]:
+    """Return paragraphs, none without text."""
+    return [(name, [("content", text) for text in texts if text])] if any(texts) else []
+
+
+def _serial(number: str) -> Part:
+    return "identifications", [("identification", [
+        ("issuer", "manufacturer"), ("value", number), _named("serial number")])]
 
 
 # ---- who
 
 
-def _administrative(root: ET.Element, record: CertificateRecord) -> None:
-    part = _sub(root, "administrativeData")
-    software = _sub(_sub(part, "dccSoftware"), "software")
-    _text(software, "name", "ppmcal")
-    _sub(software, "release", record.provenance.version)
-    core = _sub(part, "coreData")
-    _sub(core, "countryCodeISO3166_1", record.laboratory.country)
-    _sub(core, "usedLangCodeISO639_1", "en")
-    _sub(core, "mandatoryLangCodeISO639_1", "en")
-    _sub(core, "uniqueIdentifier", record.number)
-    _sub(core, "beginPerformanceDate", record.date)
-    _sub(core, "endPerformanceDate", record.date)
-    _sub(core, "performanceLocation", "other")
-    _sub(core, "issueDate", record.issued)
-    items = _sub(part, "items")
-    item = _sub(items, "item")
-    _text(item, "name", record.name)
-    _text(_sub(item, "manufacturer"), "name", record.maker)
-    if record.model:
-        _sub(item, "model", record.model)
-    _identified(item, "manufacturer", record.serial, "serial number")
-    laboratory = _sub(part, "calibrationLaboratory")
-    if record.laboratory.accreditation:
-        _sub(laboratory, "calibrationLaboratoryCode", record.laboratory.accreditation)
-    _contact(_sub(laboratory, "contact"), record.laboratory)
-    person = _sub(_sub(part, "respPersons"), "respPerson")
-    _text(_sub(person, "person"), "name", record.operator)
-    _sub(person, "mainSigner", "true")
-    _contact(_sub(part, "customer"), record.customer)
+def _administrative(record: CertificateRecord) -> Part:
+    laboratory = record.laboratory
+    return "administrativeData", [
+        ("dccSoftware", [("software", [
+            _named("ppmcal"), ("release", record.provenance.version)])]),
+        ("coreData", [
+            ("countryCodeISO3166_1", laboratory.country), ("usedLangCodeISO639_1", "en"),
+            ("mandatoryLangCodeISO639_1", "en"), ("uniqueIdentifier", record.number),
+            ("beginPerformanceDate", record.date), ("endPerformanceDate", record.date),
+            ("performanceLocation", "other"), ("issueDate", record.issued)]),
+        ("items", [("item", [
+            _named(record.name), ("manufacturer", [_named(record.maker)]),
+            *_given("model", record.model), _serial(record.serial)])]),
+        ("calibrationLaboratory", [
+            *_given("calibrationLaboratoryCode", laboratory.accreditation),
+            ("contact", _contact(laboratory))]),
+        ("respPersons", [("respPerson", [
+            ("person", [_named(record.operator)]), ("mainSigner", "true")])]),
+        ("customer", _contact(record.customer))]
 
 
-def _contact(parent: ET.Element, who: CertifiedParty) -> None:
-    _text(parent, "name", who.name)
-    place = _sub(parent, "location")
-    if who.city:
-        _sub(place, "city", who.city)
-    _sub(place, "countryCode", who.country)
+def _contact(who: CertifiedParty) -> list[Part]:
+    return [_named(who.name),
+            ("location", [*_given("city", who.city), ("countryCode", who.country)])]
 
 
-def _methods(results: ET.Element, record: CertificateRecord) -> None:
-    part = _sub(results, "usedMethods")
-    one = _sub(part, "usedMethod")
-    _text(one, "name", "Kinematic calibration, judged by rows that no fit has seen")
-    for norm in dict.fromkeys(f.norm for f in record.figures if f.norm and f.value is not None):
-        one = _sub(part, "usedMethod")
-        _text(one, "name", norm)
-        _sub(one, "norm", NOTE.get(norm, norm))
-    one = _sub(part, "usedMethod")
-    _text(one, "name", "Uncertainty of measurement")
-    _sub(one, "norm", "JCGM 100:2008")
+# ---- how, by what and under which conditions
 
 
-def _instrument(parent: ET.Element, record: CertificateRecord) -> None:
-    one = _sub(parent, "measuringEquipment")
-    _text(one, "name", record.instrument or "")
-    _rich(one, "description",
-          f"Calibration certificate {record.instrument_certificate} of {record.calibrated}")
-    _identified(one, "manufacturer", record.instrument_serial, "serial number")
-    if record.uncertainty is not None and record.coverage_factor:
-        quantity = _sub(_sub(one, "measuringEquipmentQuantities"), "measuringEquipmentQuantity")
-        _text(quantity, "name", "expanded uncertainty of a length")
-        _real(quantity, record.uncertainty, record.units.name("length"))
+def _results(record: CertificateRecord) -> list[Part]:
+    return [
+        _named(f"Calibration of {record.name}"),
+        *_rich("description", record.basis, record.gauge), _methods(record),
+        *([] if record.instrument is None else [
+            ("measuringEquipments", [_instrument(record.instrument, record)])]),
+        _conditions(record),
+        ("results", [*(_figure(f, record) for f in record.figures if f.value is not None),
+                     _budget(record), *_validity(record)]),
+        *_decision(record)]
 
 
-def _conditions(results: ET.Element, record: CertificateRecord) -> None:
-    part = _sub(results, "influenceConditions")
-    one = _sub(part, "influenceCondition")
-    _text(one, "name", "air temperature")
-    data = _sub(one, "data")
-    for name, value in zip(("lowest", "highest"), (record.temperature[0], record.temperature[-1]),
-                           strict=True):
-        quantity = _sub(data, "quantity")
-        _text(quantity, "name", name)
-        _real(quantity, value or 0.0, "°C")
-    for name, words in record.conditions.items():
-        one = _sub(part, "influenceCondition")
-        _text(one, "name", name)
-        _rich(_sub(one, "data"), "text", words)
+def _methods(record: CertificateRecord) -> Part:
+    norms = dict.fromkeys(f.norm for f in record.figures if f.norm and f.value is not None)
+    return "usedMethods", [
+        ("usedMethod", [_named("Kinematic calibration, judged by rows that no fit has seen")]),
+        *(("usedMethod", [_named(norm), ("norm", NOTE.get(norm, norm))]) for norm in norms),
+        ("usedMethod", [_named("Uncertainty of measurement"), ("norm", "JCGM 100:2008")])]
+
+
+def _instrument(name: str, record: CertificateRecord) -> Part:
+    known = record.uncertainty is not None and record.coverage_factor
+    return "measuringEquipment", [
+        _named(name),
+        *_rich("description", f"Calibration certificate {record.instrument_certificate} of "
+               f"{record.calibrated}"),
+        _serial(record.instrument_serial),
+        *([("measuringEquipmentQuantities", [("measuringEquipmentQuantity", [
+            _named("expanded uncertainty of a length"),
+            _real(record.uncertainty or 0.0, record.units.name("length"))])])] if known else [])]
+
+
+def _conditions(record: CertificateRecord) -> Part:
+    ends = ("lowest", record.temperature[0]), ("highest", record.temperature[-1])
+    return "influenceConditions", [
+        ("influenceCondition", [_named("air temperature"), ("data", [
+            _quantity(name, value or 0.0, "°C") for name, value in ends])]),
+        *(("influenceCondition", [_named(name), ("data", _rich("text", words))])
+          for name, words in record.conditions.items())]
 
 
 # ---- numbers
 
 
-def _real(parent: ET.Element, value: float, unit: str, expanded: float | None = None,
-          factor: float | None = None, coverage: float | None = None) -> None:
-    """Add a number with its unit, and its uncertainty where it has one."""
+def _real(value: float, unit: str, expanded: float | None = None, factor: float | None = None,
+          coverage: float | None = None) -> Part:
+    """Return a number with its unit, and its uncertainty where it has one."""
     name, times = UNITS[unit]
-    real = _sub(parent, "real", space=SI)
-    _sub(real, "value", repr(float(value * times)), SI)
-    _sub(real, "unit", name, SI)
-    if expanded is not None:
-        own = _sub(_sub(real, "measurementUncertaintyUnivariate", space=SI), "expandedMU", space=SI)
-        _sub(own, "valueExpandedMU", repr(float(expanded * times)), SI)
-        _sub(own, "coverageFactor", repr(float(factor or 2.0)), SI)
-        _sub(own, "coverageProbability", repr(float(coverage or 0.95)), SI)
+    return "si:real", [
+        ("si:value", repr(float(value * times))), ("si:unit", name),
+        *([] if expanded is None else [
+            ("si:measurementUncertaintyUnivariate", [("si:expandedMU", [
+                ("si:valueExpandedMU", repr(float(expanded * times))),
+                ("si:coverageFactor", repr(float(factor or 2.0))),
+                ("si:coverageProbability", repr(float(coverage or 0.95)))])])])]
 
 
-def _quantity(data: ET.Element, name: str, value: float, unit: str, *described: str) -> None:
-    quantity = _sub(data, "quantity")
-    _text(quantity, "name", name)
-    _rich(quantity, "description", *described)
-    _real(quantity, value, unit)
+def _quantity(name: str, value: float, unit: str, described: str = "") -> Part:
+    return "quantity", [_named(name), *_rich("description", described), _real(value, unit)]
 
 
-def _figure(found: ET.Element, f: Figure, record: CertificateRecord) -> None:
-    result = _sub(found, "result")
-    _text(result, "name", f.label)
-    told = (f"{f.norm}, {f.place}, {f.repeats} repeats of {f.asked} asked" if f.norm else f.place)
-    _rich(result, "description", *filter(None, (told,)))
-    quantity = _sub(_sub(result, "data"), "quantity")
-    _text(quantity, "name", f.label)
-    b = record.budget
-    _real(quantity, f.value or 0.0, f.unit, f.expanded, b.factor, b.coverage)
+def _figure(f: Figure, record: CertificateRecord) -> Part:
+    told = f"{f.norm}, {f.place}, {f.repeats} repeats of {f.asked} asked" if f.norm else f.place
+    budget = record.budget
+    return "result", [
+        _named(f.label), *_rich("description", told),
+        ("data", [("quantity", [_named(f.label), _real(
+            f.value or 0.0, f.unit, f.expanded, budget.factor, budget.coverage)])])]
 
 
-def _budget(found: ET.Element, record: CertificateRecord) -> None:
-    b, unit = record.budget, record.units.name("length")
-    result = _sub(found, "result")
-    _text(result, "name", f"uncertainty budget of {b.of}")
-    data = _sub(result, "data")
+def _budget(record: CertificateRecord) -> Part:
+    b, unit, lines = record.budget, record.units.name("length"), list[Part]()
     for line in b.lines:
-        degrees = "infinite" if not math.isfinite(line.degrees) else f"{line.degrees:.6g}"
-        _quantity(data, f"standard uncertainty: {line.source}", line.standard, unit,
-                  f"type {line.kind}, {line.distribution}, degrees of freedom {degrees}, "
-                  f"sensitivity {line.sensitivity:g}; {line.note}")
-    _quantity(data, "combined standard uncertainty", b.combined, unit)
-    _quantity(data, "expanded uncertainty", b.expanded, unit)
-    _quantity(data, "coverage factor", b.factor, "")
-    if math.isfinite(b.degrees):
-        _quantity(data, "effective degrees of freedom", b.degrees, "")
+        degrees = f"{line.degrees:.6g}" if math.isfinite(line.degrees) else "infinite"
+        lines.append(_quantity(
+            f"standard uncertainty: {line.source}", line.standard, unit,
+            f"type {line.kind}, {line.distribution}, degrees of freedom {degrees}, sensitivity "
+            f"{line.sensitivity:g}; {line.note}"))
+    return "result", [_named(f"uncertainty budget of {b.of}"), ("data", [
+        *lines, _quantity("combined standard uncertainty", b.combined, unit),
+        _quantity("expanded uncertainty", b.expanded, unit),
+        _quantity("coverage factor", b.factor, ""),
+        *([_quantity("effective degrees of freedom", b.degrees, "")]
+          if math.isfinite(b.degrees) else [])])]
 
 
-def _validity(found: ET.Element, record: CertificateRecord) -> None:
-    some = [r for r in record.validity if r.unit in UNITS and None not in (r.low, r.high)]
-    if not some:
-        return
-    result = _sub(found, "result")
-    _text(result, "name", "range of validity")
-    data = _sub(result, "data")
-    for r in some:
-        _quantity(data, f"{r.name}, lowest", r.low or 0.0, r.unit)
-        _quantity(data, f"{r.name}, highest", r.high or 0.0, r.unit)
+def _validity(record: CertificateRecord) -> list[Part]:
+    some = [_quantity(f"{r.name}, {end}", value or 0.0, r.unit) for r in record.validity
+            if r.unit in UNITS and None not in (r.low, r.high)
+            for end, value in (("lowest", r.low), ("highest", r.high))]
+    return [("result", [_named("range of validity"), ("data", some)])] if some else []
 
 
-def _decision(results: ET.Element, record: CertificateRecord) -> None:
-    unit = record.units.name("length")
+def _decision(record: CertificateRecord) -> list[Part]:
     if not record.result:
-        return
-    one = _sub(_sub(results, "measurementMetaData"), "metaData")
-    _text(one, "name", "statement of conformity")
-    _sub(one, "norm", "ILAC-G8:09/2019")
-    _sub(one, "norm", "JCGM 106:2012")
-    _rich(one, "declaration", f"{record.rule}: {record.decided} against the limit, accepted "
-          f"up to {record.accepted!r} {unit}")
-    _sub(one, "conformity", record.result)
-    data = _sub(one, "data")
-    _quantity(data, "limit", record.limit or 0.0, unit)
-    _quantity(data, "acceptance limit", record.accepted or 0.0, unit)
+        return []
+    unit = record.units.name("length")
+    return [("measurementMetaData", [("metaData", [
+        _named("statement of conformity"), ("norm", "ILAC-G8:09/2019"), ("norm", "JCGM 106:2012"),
+        *_rich("declaration", f"{record.rule}: {record.decided} against the limit, accepted up to "
+               f"{record.accepted!r} {unit}"),
+        ("conformity", record.result),
+        ("data", [_quantity("limit", record.limit or 0.0, unit),
+                  _quantity("acceptance limit", record.accepted or 0.0, unit)])])])]
