@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
+import inspect
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
@@ -22,7 +24,6 @@ from ppmcal.cli.common import (
     out_option,
     verbose_alone,
 )
-from ppmcal.cli.completion import completed
 from ppmcal.commands import command
 from ppmcal.commands.spec import PYTHON, Arguments, Command, Script, Taken, flags, taken
 from ppmcal.errors import PpmcalError
@@ -209,3 +210,36 @@ def _kind(one: Taken) -> Any:
         return FiniteRange(how.least, how.most, min_open=how.above)
     low, high = (None if end is None else int(end) for end in (how.least, how.most))
     return click.IntRange(low, high)
+
+
+# ---- what the shell completes; files it completes by itself
+
+
+def completed(place: str) -> Callable[[click.Context, click.Parameter, str], list[str]]:
+    """Return what completes a word with names, none where a machine cannot be read.
+
+    Args:
+        place: ``module:name`` of the names, or of a function that returns them, of the machine
+            that was named before where it takes one.
+    """
+    def complete(context: click.Context, _: click.Parameter, begun: str) -> list[str]:
+        try:
+            return sorted(n for n in _names(place, context) if n.lower().startswith(begun.lower()))
+        except (PpmcalError, OSError):
+            return []
+
+    return complete
+
+
+def _names(place: str, context: click.Context) -> Iterable[str]:
+    module, _, name = place.partition(":")
+    found = getattr(importlib.import_module(module), name)
+    if not callable(found):
+        return found    # type: ignore[no-any-return]
+    if not inspect.signature(found).parameters:
+        return found()    # type: ignore[no-any-return]
+    # an option that waits for its value leaves the words before it as they are
+    own = [p.name or "" for p in context.command.params if isinstance(p, click.Argument)]
+    words = [*map(context.params.get, own[:1]), *context.args]
+    machine = next((word for word in words if word), None)
+    return found(machine) if machine else []

@@ -15,6 +15,8 @@ from typing import Any, Self
 Path_ = str | os.PathLike[str]
 Machine = Any
 """A mechanism, the path of its file or of a folder that has one, or what such a file holds."""
+CalibratedMachine = Any
+"""What identify or diagnose returned; see :mod:`ppmcal.commands.result`."""
 Measurements = Any
 """Data sets, paths of their files, or a mixture."""
 Table = Any
@@ -38,7 +40,7 @@ class Option:
             value itself is out.
         shown: whether the command line says the default.
         complete: ``module:name`` of what the shell completes it with; see
-            :func:`ppmcal.cli.completion.completed`.
+            :func:`ppmcal.cli.built.completed`.
         argument: whether it is an argument, and not an option; ``words``: what it is called in
             Python's docs and in refusals, without an article, where that is not its name.
         key: what it is as a key of a file, where that is said in other words.

@@ -16,8 +16,7 @@ import pytest
 from helpers.commands import ppmcal, ppmcal_process
 from helpers.terminal import CLEAR, Terminal
 
-from ppmcal.cli.display import duration, shortened
-from ppmcal.cli.shares import INNER
+from ppmcal.cli.display import INNER, duration, shortened
 from ppmcal.commands import command, names
 from ppmcal.commands.spec import PYTHON, flags, taken
 

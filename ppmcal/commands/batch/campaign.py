@@ -13,8 +13,7 @@ from typing import Any
 
 from ppmcal import __version__
 from ppmcal.commands import command
-from ppmcal.commands.batch.manifest import CampaignJob
-from ppmcal.commands.batch.schema import options_of
+from ppmcal.commands.batch.manifest import CampaignJob, options_of
 from ppmcal.commands.face import carry_out, refused
 from ppmcal.commands.spec import Arguments, Command, taken
 from ppmcal.errors import BadInput, PpmcalError

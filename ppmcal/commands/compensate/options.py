@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from ppmcal.commands.spec import (
     Arguments,
+    CalibratedMachine,
     Command,
     Machine,
     Path_,
@@ -17,9 +17,6 @@ from ppmcal.commands.spec import (
     option,
     regardless,
 )
-
-if TYPE_CHECKING:
-    from ppmcal.commands.result import CalibratedMachine
 
 
 def assumed(given: Sequence[str]) -> dict[str, float]:

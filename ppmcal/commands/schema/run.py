@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import Any
 
 from ppmcal import codec, commands
-from ppmcal.commands.batch.schema import manifest_schema
+from ppmcal.commands.batch.manifest import manifest_schema
 from ppmcal.commands.certify.about import about_schema
 from ppmcal.commands.schema.options import SchemaArguments
 from ppmcal.errors import unknown

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from ppmcal.commands.spec import (
     Arguments,
+    CalibratedMachine,
     Command,
     Machine,
     Measurements,
@@ -17,9 +17,6 @@ from ppmcal.commands.spec import (
     option,
     seed,
 )
-
-if TYPE_CHECKING:
-    from ppmcal.commands.result import CalibratedMachine
 
 
 @dataclass(frozen=True)
