@@ -73,21 +73,15 @@ def pose_figures(errors: Array, names: Sequence[str], places: int, sets: Sequenc
     good = [s[whole[s]] for s, n in zip(sets, counts, strict=True) if n >= asked]
     symbols = [*(("AP_p", "RP_l") if places else ()),
                *(f"{a}_{n}" for n in names[places:] for a in ("AP", "RP"))]
-    if not good:
-        most = max(counts, default=0)
-        why = (f"at most {most} attained {'pose' if most == 1 else 'poses'} of a commanded pose "
-               f"from one direction, {asked} are asked")
-        return [Figure(s, _POSE[s[:2]], None, "length" if s in ("AP_p", "RP_l") else "angle",
-                       "ISO 9283", most, asked, why=why) for s in symbols]
-    found: dict[str, list[float]] = {s: [] for s in symbols}
-    for rows in good:
-        for symbol, value in _of_pose(errors[rows], names, places).items():
-            found[symbol].append(value)
-    fewest = min(len(s) for s in good)
-    where = f"worst of {len(good)} of {len(sets)} poses"
-    return [Figure(s, _POSE[s[:2]], max(v), "length" if s in ("AP_p", "RP_l") else "angle",
-                   "ISO 9283", fewest, asked, where)
-            for s, v in found.items()]
+    most, found = max(counts, default=0), [_of_pose(errors[s], names, places) for s in good]
+    fewest = min(map(len, good), default=most)
+    where = f"worst of {len(good)} of {len(sets)} poses" if good else ""
+    why = "" if good else (
+        f"at most {most} attained {'pose' if most == 1 else 'poses'} of a commanded pose from one "
+        f"direction, {asked} are asked")
+    return [Figure(s, _POSE[s[:2]], max((f[s] for f in found), default=None),
+                   "length" if s in ("AP_p", "RP_l") else "angle", "ISO 9283", fewest, asked,
+                   where, why) for s in symbols]
 
 
 _POSE = {"AP": "pose accuracy", "RP": "pose repeatability"}
@@ -124,14 +118,12 @@ class AxisRows:
 def axis_figures(axis: AxisRows, asked: int) -> list[Figure]:
     """Return B, R, E and A of ISO 230-2 of an axis that targets were approached on both sides."""
     up, down, fewest, targets = _sides(axis, asked)
-    if len(up) < TARGETS:
-        why = _missing(axis, asked, len(up), fewest)
-        return [Figure(s, f"{n} of {axis.name}", None, axis.quantity, "ISO 230-2", fewest, asked,
-                       axis.name, why) for s, n in _AXIS.items()]
-    values = bidirectional(up, down)
-    where = f"{len(up)} of {targets} positions"
-    return [Figure(s, f"{n} of {axis.name}", values[s], axis.quantity, "ISO 230-2", fewest, asked,
-                   where) for s, n in _AXIS.items()]
+    enough = len(up) >= TARGETS
+    values = bidirectional(up, down) if enough else {}
+    where = f"{len(up)} of {targets} positions" if enough else axis.name
+    why = "" if enough else _missing(axis, asked, len(up), fewest)
+    return [Figure(s, f"{n} of {axis.name}", values.get(s), axis.quantity, "ISO 230-2", fewest,
+                   asked, where, why) for s, n in _AXIS.items()]
 
 
 _AXIS = {"B": "reversal", "R": "bidirectional repeatability",

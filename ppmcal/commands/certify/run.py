@@ -90,9 +90,14 @@ class CertificateResult(Result):
             for f in record.figures if f.value is not None], (1, 2))
         yield from dict.fromkeys(f"Not given by {f.norm}: {f.why}." for f in record.figures
                                  if f.value is None)
-        yield budget_sentence(record)
+        b, unit = record.budget, record.units.name("length")
+        degrees = "infinitely many" if not math.isfinite(b.degrees) else number(b.degrees, 3)
+        yield (f"Expanded uncertainty of {b.of}: U = {number(b.expanded)} {unit} "
+               f"(k = {number(b.factor, 3)}, {degrees} effective degrees of freedom, about 95 %).")
         if record.result:
-            yield decision_sentence(record)
+            yield (f"Decision by {record.rule}: {record.result}. The {record.decided} is "
+                   f"{number(record.decided_value)} {unit}, the limit {number(record.limit)} "
+                   f"{unit}, the acceptance limit {number(record.accepted)} {unit}.")
 
 
 def run(asked: CertifyArguments) -> CertificateResult:
@@ -240,23 +245,3 @@ def _validity(mechanism: Mechanism, units: MachineUnits) -> tuple[Range, ...]:
             out.append(Range.filled(None, units, name=name, low=low, high=high,
                                              unit=quantity))
     return tuple(out)
-
-
-# ---- in words
-
-
-def budget_sentence(record: CertificateRecord) -> str:
-    """Return the expanded uncertainty, and how it was had."""
-    b, unit = record.budget, record.units.name("length")
-    degrees = "infinitely many" if not math.isfinite(b.degrees) else number(b.degrees, 3)
-    return (f"Expanded uncertainty of {b.of}: U = {number(b.expanded)} {unit} "
-            f"(k = {number(b.factor, 3)}, {degrees} effective degrees "
-            "of freedom, about 95 %).")
-
-
-def decision_sentence(record: CertificateRecord) -> str:
-    """Return the decision and its rule."""
-    unit = record.units.name("length")
-    return (f"Decision by {record.rule}: {record.result}. The {record.decided} is "
-            f"{number(record.decided_value)} {unit}, the limit {number(record.limit)} {unit}, the "
-            f"acceptance limit {number(record.accepted)} {unit}.")

@@ -40,34 +40,6 @@ SHOWN = 12
 """Parameters that are shown."""
 
 
-def told(found: Identification, record: IdentificationRecord, controller: str = ""
-         ) -> Iterator[Told]:
-    """Yield what a person wants to know, and what needs a look above the rows left out.
-
-    ``controller``: what the controller that the machine was imported from calls its parameters.
-    """
-    fit = found.fit
-    rows = sum(int(k.sum()) for k in fit.keep)
-    open_ = len(found.columns) - len(fit.problem.free)
-    more = f" and {open_} of frames and targets" if open_ else ""
-    yield (f"{record.name}: {len(fit.problem.free)} parameters{more} from {rows} rows, "
-           f"{pluralize(fit.iterations, 'iteration')}; rank {found.rank} of {len(found.columns)}.")
-    yield from _errors(record)
-    yield from _noise(record.noise)
-    yield from _parameters(record)
-    if controller:
-        yield f"{controller}."
-    yield from _redundant(record, fit.by_tolerances)
-    if fit.by_tolerances:
-        yield from _prior_dominated(record)
-    yield from open_sentences(record.collinear, record.scale)
-    yield from flat_sentences(record.flats)
-    yield from campaign_sentences(record.campaign)
-    yield Findings(record.all_findings())
-    yield from row_sentences(record.gross_errors, record.would_be, found.mechanism)
-    yield from unchecked_sentences(record.unchecked)
-
-
 def _errors(record: IdentificationRecord) -> Iterator[Told]:
     """Yield errors before, after and on what was held out."""
     stages = record.residual
@@ -213,10 +185,30 @@ class IdentificationResult(Result):
 
     def told(self) -> Iterator[Told]:
         """Yield the noise that was estimated, the fit, its errors, and what the data leave open."""
+        found, record = self.identification, self.record
+        fit = found.fit
+        rows = sum(int(k.sum()) for k in fit.keep)
+        open_ = len(found.columns) - len(fit.problem.free)
+        more = f" and {open_} of frames and targets" if open_ else ""
         yield from self.notes
-        yield from told(self.identification, self.record, self._controller())
+        yield (f"{record.name}: {len(fit.problem.free)} parameters{more} from {rows} rows, "
+               f"{pluralize(fit.iterations, 'iteration')}; rank {found.rank} of "
+               f"{len(found.columns)}.")
+        yield from (*_errors(record), *_noise(record.noise), *_parameters(record))
+        if controller := self._controller():
+            yield f"{controller}."
+        yield from _redundant(record, fit.by_tolerances)
+        if fit.by_tolerances:
+            yield from _prior_dominated(record)
+        yield from open_sentences(record.collinear, record.scale)
+        yield from flat_sentences(record.flats)
+        yield from campaign_sentences(record.campaign)
+        yield Findings(record.all_findings())    # above the rows left out
+        yield from row_sentences(record.gross_errors, record.would_be, found.mechanism)
+        yield from unchecked_sentences(record.unchecked)
 
     def _controller(self) -> str:
+        """Return what the controller that the machine was imported from calls its parameters."""
         machine = self.identification.fit.problem.mechanism
         path = Path(machine.source)
         if machine.source not in machine.inputs or not path.is_file():
