@@ -22,7 +22,6 @@ from ppmcal.cli.common import (
     console_options,
     examples,
     out_option,
-    verbose_alone,
 )
 from ppmcal.commands import command
 from ppmcal.commands.spec import PYTHON, Arguments, Command, Script, Taken, flags, taken
@@ -58,7 +57,7 @@ def _printing(spec: Command) -> Any:
         found = carry_out(spec, _arguments(spec, given))
         click.echo(json.dumps(found, indent=1, ensure_ascii=False))
 
-    return verbose_alone(body)
+    return console_options(body, data=True)
 
 
 def _whole(spec: Command) -> Any:

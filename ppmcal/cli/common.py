@@ -44,44 +44,40 @@ class FiniteRange(click.FloatRange):
         return number
 
 
-quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
-verbose_option = click.option(
-    "-v", "--verbose", count=True, help="Say on standard error what was read, decided and how "
-    "long it took; -vv: each iteration too.")
-json_option = click.option("--json", "as_json", is_flag=True,
-                           help="Print the summary as one JSON object.")
-
-
 def examples(*lines: str) -> str:
     """Return the end of a command's help: lines to copy, which the tests run."""
     # \b keeps click from filling the lines
     return "\b\nExamples:\n" + "".join(f"  {line}\n" for line in lines)
 
 
-def console_options(function: F) -> F:
+def _with(options: Sequence[Callable[[F], F]], body: F) -> F:
+    """Return the body of a command with options, in their order."""
+    return functools.reduce(lambda one, option: option(one), reversed(options), body)
+
+
+def console_options(function: F, data: bool = False) -> F:
     """Return the options ``--quiet``, ``--verbose`` and ``--json``.
 
-    The command's body gets ``console``; while it runs, what the layers below it say of their work
-    is shown on standard error.
+    The command's body gets ``console``, unless it prints ``data`` and nothing else: then
+    ``--verbose`` is the one option. While it runs, what the layers below it say of their work is
+    shown on standard error.
     """
     @functools.wraps(function)
-    def body(*args: Any, quiet: bool, verbose: int, as_json: bool, **options: Any) -> Any:
+    def body(*, verbose: int, quiet: bool = False, as_json: bool = False, **options: Any) -> Any:
         if quiet and verbose:
             raise click.UsageError("--quiet and --verbose contradict each other: give one.")
         with _under_way(quiet, verbose):
-            return function(*args, console=Console(quiet, as_json), **options)
+            return function(**options) if data else function(
+                console=Console(quiet, as_json), **options)
 
-    return quiet_option(verbose_option(json_option(cast(F, body))))
-
-
-def verbose_alone(function: F) -> F:
-    """Return the option ``--verbose``, for a command that prints one thing only."""
-    @functools.wraps(function)
-    def body(*args: Any, verbose: int, **options: Any) -> Any:
-        with _under_way(False, verbose):
-            return function(*args, **options)
-
-    return verbose_option(cast(F, body))
+    quiet_option, verbose_option, json_option = (
+        click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors."),
+        click.option("-v", "--verbose", count=True, help="Say on standard error what was read, "
+                     "decided and how long it took; -vv: each iteration too."),
+        click.option("--json", "as_json", is_flag=True,
+                     help="Print the summary as one JSON object."))
+    return _with([verbose_option] if data else [quiet_option, verbose_option, json_option],
+                 cast(F, body))
 
 
 @contextmanager
@@ -146,8 +142,7 @@ def out_option(default: str, replace: str) -> Callable[[F], F]:
         options.append(click.option(
             "--force", "was_two", is_flag=True, hidden=True, expose_value=False,
             callback=_refuse_force, help="--overwrite, or --regardless."))
-    return lambda function: functools.reduce(
-        lambda body, option: option(body), reversed(options), as_run(function, replace))
+    return lambda function: _with(options, as_run(function, replace))
 
 
 class Console:

@@ -26,6 +26,7 @@ from ppmcal.commands.certify.evidence import refuse_uncertifiable, refuse_unknow
 from ppmcal.commands.certify.figures import bidirectional, one_sided, pose_figures
 from ppmcal.commands.certify.judge import decided
 from ppmcal.commands.certify.printed import wrapped
+from ppmcal.commands.inputs import prepared
 from ppmcal.errors import BadInput
 from ppmcal.io.results.certificate import alike
 from ppmcal.io.results.identification import IdentificationRecord
@@ -387,6 +388,14 @@ def test_a_folder_of_validate_certifies_the_same_and_is_made_again(bench: Path) 
     assert value(found, name="rms error of position") == pytest.approx(rms)
     said = ppmcal("verify", "by-folder", cwd=bench, expect=0).out
     assert "the same" in said or "same" in said
+
+
+@pytest.mark.slow
+def test_a_bare_word_of_what_was_registered_is_that_word(bench: Path) -> None:
+    """Python records ``register="frame"`` as it is, the command line a list."""
+    machine, (data,) = prepared(face.load(bench / "identified"), [str(bench / "val.csv")], "none")
+    bare, listed = (evidence.judged(machine, data, word).errors for word in ("frame", ["frame"]))
+    np.testing.assert_array_equal(bare, listed)
 
 
 @pytest.mark.long

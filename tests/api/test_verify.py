@@ -16,6 +16,7 @@ from torture.desk import COMMANDS, make_desk
 
 import ppmcal as face
 from ppmcal.commands import command
+from ppmcal.commands.compare import run as compare_command
 from ppmcal.errors import BadInput
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.yaml import dump_yaml
@@ -611,3 +612,26 @@ def test_a_value_that_differs_is_a_fault_of_a_later_version_too(desk: Path, tmp_
     told = {f["file"]: (f["status"], f["unknown"], f["count"]) for f in found["files"]}
     assert found["status"] == "differs"
     assert told["identification.json"] == ("differs", ["shape"], 1)
+
+
+def test_a_folder_called_as_objects_in_memory_are_recorded_holds_files(tmp_path: Path) -> None:
+    inputs = {}
+    for name in ("in_memory/m.yaml", "in_memory/run.csv"):
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(name, encoding="utf-8")
+        inputs[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+    folder = tmp_path / "identified"
+    folder.mkdir()
+    for data, known in (("in_memory/run.csv", True), ({"in_memory": "Dataset"}, False)):
+        source = {"function": "identify.identify", "inputs": inputs, "from": "..",
+                  "options": {"mechanism": "in_memory/m.yaml", "data": data}}
+        (folder / RECORD).write_text(json.dumps({
+            "format": "ppmcal/folder/1", "commands": ["identify"], "files": {},
+            "runs": {"identify": source}}), encoding="utf-8")
+        if known:
+            run, places = compare_command._run(folder)
+            assert run.data == [data] and places[data] == tmp_path / data
+            continue
+        with pytest.raises(BadInput, match="not recorded from which files"):
+            compare_command._run(folder)
