@@ -7,9 +7,9 @@ from functools import cache
 import hidden
 import pytest
 
+from ppmcal.calibration.compensation import Readings
 from ppmcal.calibration.compensation.model_averaging import CandidateModel, probabilities
 from ppmcal.calibration.fit.problem import Problem
-from ppmcal.commands.compensate.run import Readings
 from ppmcal.diagnosis.diagnose import diagnose
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.wording import rate
