@@ -19,24 +19,24 @@ from ppmcal.controllers.hangprinter.reading import (
     parse_config,
     read_samples,
 )
-from ppmcal.controllers.importing import MACHINE, ImportedFiles
-from ppmcal.controllers.ropes.export import Frame, RopeFirmware, export_ropes, shift_words
-from ppmcal.controllers.ropes.files import (
+from ppmcal.controllers.importing import ImportedFiles
+from ppmcal.controllers.ropes.export import Frame, RopeFirmware, export_ropes
+from ppmcal.controllers.ropes.machine import (
     Rope,
+    RopeGeometry,
     RopeMachine,
     RopeRun,
-    machine_yaml,
-    measurement_files,
+    holds_a_point,
+    rope_files,
 )
-from ppmcal.controllers.ropes.machine import RopeGeometry, holds_a_point
-from ppmcal.controllers.text import read_text
+from ppmcal.controllers.text import commented, read_text
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import TRANSLATIONAL
-from ppmcal.notes import NOTE, Note
+from ppmcal.notes import Note
 from ppmcal.wording import pluralize
 
 SIGMA, POSITION = 0.5, 1.0
@@ -70,11 +70,10 @@ def import_config(path: Path, options: Mapping[str, Any]) -> ImportedFiles:
     joints = np.concatenate([run.joints for run in runs])
     machine = _machine(path, joints, anchors, lengths, origin, tolerance,
                        all(run.places is None for run in runs))
-    texts = {MACHINE: machine_yaml(machine),
-             **measurement_files(machine, runs, path.name, SIGMA, POSITION)}
     measured = sum(len(run.joints) for run in runs if run.places is not None)
     return ImportedFiles(
-        texts, f"{path}: a Hangprinter with {pluralize(len(joints), 'sample')} of "
+        rope_files(machine, runs, path.name, SIGMA, POSITION),
+        f"{path}: a Hangprinter with {pluralize(len(joints), 'sample')} of "
         f"{joints.shape[1]} lines, {measured} of them at measured places. Anchors: {origin}.",
         {"runs": [len(run.joints) for run in runs], "lines": [run.where for run in runs],
          "measured": measured, "anchors": dict(zip(NAMES, anchors.tolist(), strict=False)),
@@ -195,11 +194,6 @@ def zero(anchors: Array) -> Array:
     return np.asarray(np.linalg.norm(anchors, axis=1))
 
 
-def line_positions(anchors: Array, points: Array) -> Array:
-    """Return line positions (N, k) at points (N, 3), m."""
-    return np.asarray(np.linalg.norm(points[:, None] - anchors, axis=2) - zero(anchors))
-
-
 def table(anchors: Array) -> Iterator[tuple[str, float]]:
     """Yield name and value, mm, of each number for anchors (k, 3), mm."""
     for name, place in zip(NAMES, anchors.tolist(), strict=False):
@@ -209,11 +203,10 @@ def table(anchors: Array) -> Iterator[tuple[str, float]]:
 
 def text(anchors: Array, comment: str) -> str:
     """Return the line for ``config.g``."""
-    head = "".join(f"; {line}\n" for line in comment.splitlines())
     places = " ".join(name + ":".join(f"{value:.{DECIMALS}f}" for value in place)
                       for name, place in zip(NAMES, anchors.tolist(), strict=False))
     more = "" if len(anchors) == 4 else f"N{len(anchors)} "
-    return f"{head}M669 {more}{places}\n"
+    return "\n".join([*commented(comment, ";"), f"M669 {more}{places}"]) + "\n"
 
 
 def read(content: str, source: str) -> Array:
@@ -225,23 +218,11 @@ def read(content: str, source: str) -> Array:
     return parse_config(content, source).matrix(source)
 
 
-def notes(found: Frame) -> Iterator[Note]:
-    """Yield what becomes of a machine identified in another frame."""
-    if words := shift_words(found):
-        yield Note(
-               "the firmware has its origin where all line positions are 0: in the model's base "
-               f"that is at {words}, and places in the model are those of the printer less that",
-               NOTE)
-
-
-def advice(old: Path | None) -> Iterator[Note]:
-    """Yield how to bring the numbers into the machine."""
-    yield Note(
-           f"Put the line of {HANGPRINTER.file} in place of M669's anchors in config.g, keep its "
-           "other letters and M666, and home.", NOTE)
-
-
 HANGPRINTER = RopeFirmware(
-    "hangprinter", "Hangprinter", "hangprinter.g", order, frame, line_positions, zero, table, text,
-    read, DECIMALS, advice, notes, "multiply each R of M666, as lines are longer than they count")
+    "hangprinter", "Hangprinter", "hangprinter.g", order, frame, zero, table, text, read, DECIMALS,
+    shifted="the firmware has its origin where all line positions are 0: in the model's base that "
+    "is at {}, and places in the model are those of the printer less that",
+    advice=lambda _: "Put the line of hangprinter.g in place of M669's anchors in config.g, keep "
+    "its other letters and M666, and home.",
+    scaled="multiply each R of M666, as lines are longer than they count")
 export = partial(export_ropes, HANGPRINTER)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ppmcal.controllers.export import Exported
-from ppmcal.controllers.importing import MACHINE, ImportedFiles
+from ppmcal.controllers.importing import ImportedFiles
 from ppmcal.controllers.maslow.reading import (
     BELTS,
     LONGEST,
@@ -26,16 +26,16 @@ from ppmcal.controllers.maslow.reading import (
     read_log,
 )
 from ppmcal.controllers.pose_errors import MM
-from ppmcal.controllers.ropes.export import (
-    Frame,
-    RopeFirmware,
-    export_ropes,
-    horizontal,
-    shift_words,
+from ppmcal.controllers.ropes.export import Frame, RopeFirmware, export_ropes
+from ppmcal.controllers.ropes.machine import (
+    Rope,
+    RopeGeometry,
+    RopeMachine,
+    holds_a_point,
+    rope_files,
+    rope_geometry,
 )
-from ppmcal.controllers.ropes.files import Rope, RopeMachine, machine_yaml, measurement_files
-from ppmcal.controllers.ropes.machine import RopeGeometry, holds_a_point, rope_geometry
-from ppmcal.controllers.text import read_text
+from ppmcal.controllers.text import commented, read_text
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.limits import TABLE_BYTES
 from ppmcal.linalg import Array
@@ -74,15 +74,17 @@ def order(mechanism: Mechanism) -> list[int]:
     return found
 
 
+def horizontal(x_axis: Array) -> Array:
+    """Return the axes (3, 3), as rows, of a frame whose x axis is along a vector in the plane."""
+    along = x_axis / np.linalg.norm(x_axis)
+    up = np.array([0.0, 0.0, 1.0])
+    return np.array([along, np.cross(up, along), up])
+
+
 def frame(mechanism: Mechanism, ropes: RopeGeometry) -> Frame:
     """Return the Maslow's frame: origin at the bottom left anchor, x through the bottom right."""
     first, second = ropes.anchors[:2] * [1.0, 1.0, 0.0]
     return Frame(horizontal(second - first), first)
-
-
-def lengths(anchors: Array, points: Array) -> Array:
-    """Return what belts (N, 4) are at points (N, 3), m."""
-    return np.asarray(np.linalg.norm(points[:, None] - anchors, axis=2))
 
 
 def table(anchors: Array) -> Iterator[tuple[str, float]]:
@@ -96,8 +98,8 @@ def table(anchors: Array) -> Iterator[tuple[str, float]]:
 
 def text(anchors: Array, comment: str) -> str:
     """Return the lines for ``maslow.yaml``."""
-    head = "".join(f"# {line}\n" for line in comment.splitlines())
-    return head + "".join(f"{name}: {value:.{DECIMALS}f}\n" for name, value in table(anchors))
+    return "\n".join([*commented(comment), *(
+        f"{name}: {value:.{DECIMALS}f}" for name, value in table(anchors))]) + "\n"
 
 
 def read(content: str, source: str) -> Array:
@@ -110,27 +112,16 @@ def read(content: str, source: str) -> Array:
     return np.column_stack([anchors_of(keys), heights_of(keys)])
 
 
-def notes(found: Frame) -> Iterator[Note]:
-    """Yield what becomes of a machine identified in another frame."""
-    if words := shift_words(found):
-        yield Note(
-               "the Maslow has its origin at the bottom left anchor and its x axis through the "
-               f"bottom right one: in the model's base that is at {words}, and places in the model "
-               "are those of the router less that", NOTE)
-
-
-def advice(old: Path | None) -> Iterator[Note]:
-    """Yield how to bring the numbers into the machine."""
-    yield Note(
-           f"Put the lines of {MASLOW.file} in place of those of the machine's maslow.yaml, or "
-           "send each as $/Maslow_tlX=VALUE, and restart."
-           + ("" if old is None else f" --write makes a copy of {old} with them."), NOTE)
-
-
 MASLOW = RopeFirmware(
-    "maslow", "Maslow", "anchors.yaml", order, frame, lengths,
-    lambda anchors: np.zeros(len(anchors)), table, text, read, DECIMALS, advice, notes,
-    "belts give other lengths than they count, by a factor of")
+    "maslow", "Maslow", "anchors.yaml", order, frame, lambda anchors: np.zeros(len(anchors)),
+    table, text, read, DECIMALS,
+    shifted="the Maslow has its origin at the bottom left anchor and its x axis through the bottom "
+    "right one: in the model's base that is at {}, and places in the model are those of the "
+    "router less that",
+    advice=lambda old: "Put the lines of anchors.yaml in place of those of the machine's "
+    "maslow.yaml, or send each as $/Maslow_tlX=VALUE, and restart."
+    + ("" if old is None else f" --write makes a copy of {old} with them."),
+    scaled="belts give other lengths than they count, by a factor of")
 export = partial(export_ropes, MASLOW)
 
 
@@ -191,11 +182,10 @@ def import_config(path: Path, options: Mapping[str, Any]) -> ImportedFiles:
         findings.append(Note(
             f"{path}: the readings suit a frame with four corners better with {exchanged} "
             "exchanged: check which belt is which"))
-    texts = {MACHINE: machine_yaml(machine), **measurement_files(
-        machine, log.runs, path.name, SIGMA)}
     counts = [len(run.joints) for run in log.runs]
     return ImportedFiles(
-        texts, f"{path}: a Maslow with {pluralize(len(rows), 'reading')} of its belts in "
+        rope_files(machine, log.runs, path.name, SIGMA),
+        f"{path}: a Maslow with {pluralize(len(rows), 'reading')} of its belts in "
         f"{pluralize(len(counts), 'run')}. Anchors: {origin}.",
         {"runs": counts, "lines": [run.where for run in log.runs],
          "anchors": dict(zip(BELTS, anchors.tolist(), strict=True)), "anchors_from": origin,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +33,7 @@ from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.limits import TABLE_BYTES
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.notes import Note
+from ppmcal.notes import NOTE, Note
 
 EXACT = 1e-9
 """Lengths and ratios that differ by less, m, are alike."""
@@ -61,14 +62,13 @@ class RopeFirmware:
         order: limbs of a machine in the firmware's order; raises BadInput for a machine that it
             does not drive.
         frame: the firmware's frame in a machine, with ropes in its order.
-        lengths: what it takes ropes to be at points (N, 3) for anchors (k, 3), both in its frame,
-            as joint values (N, k); m.
+        zero: the rope lengths' part that it computes itself, so that no offset is missing, for
+            anchors (k, 3), m; lengths of ropes less that are joint values.
         table: name and value of each number that is written for anchors (k, 3), mm.
         text: the file for anchors, mm, below a comment; read: anchors (k, 3), mm, of such a file.
         decimals: of a number in it.
-        zero: the rope lengths' part that it computes itself, so that no offset is missing, for
-            anchors (k, 3), m.
-        notes, advice: sentences, for a frame and for an old file.
+        shifted: what becomes of a machine identified in another frame, which is at ``{}``.
+        advice: how to bring the numbers into the machine, for an old file.
         scaled: what to do where ropes give another length than they count.
     """
 
@@ -77,26 +77,14 @@ class RopeFirmware:
     file: str
     order: Callable[[Mechanism], list[int]]
     frame: Callable[[Mechanism, RopeGeometry], Frame]
-    lengths: Callable[[Array, Array], Array]
     zero: Callable[[Array], Array]
     table: Callable[[Array], Iterable[tuple[str, float]]]
     text: Callable[[Array, str], str]
     read: Callable[[str, str], Array]
     decimals: int
-    advice: Callable[[Path | None], Iterable[Note]]
-    notes: Callable[[Frame], Iterable[Note]]
+    shifted: str
+    advice: Callable[[Path | None], str]
     scaled: str
-
-
-@dataclass(frozen=True, eq=False)
-class _Machine:
-    """A machine in a firmware's order and frame; joint values of it are those of ``real``."""
-
-    real: Mechanism
-    ropes: RopeGeometry
-    nominal: RopeGeometry
-    order: list[int]
-    frame: Frame
 
 
 def export_ropes(firmware: RopeFirmware, mechanism: Mechanism, old: Path | None,
@@ -108,18 +96,38 @@ def export_ropes(firmware: RopeFirmware, mechanism: Mechanism, old: Path | None,
         NoResult: the file reads back as other numbers.
     """
     refuse_poses(firmware.name, poses)
-    machine = _machine(firmware, mechanism)
-    exact = _anchors(firmware, machine)
+    order = firmware.order(mechanism)
+    ropes, nominal = (rope_geometry(m, order) for m in (mechanism, mechanism.nominal()))
+    frame, exact = _anchors(firmware, mechanism, ropes)
     new = np.round(exact, firmware.decimals) + 0.0
-    present = _present(firmware, machine, old)
+    if old is None:
+        drawn = _anchors(firmware, mechanism.nominal(), nominal)[1]
+        present = np.round(drawn, firmware.decimals) + 0.0
+    else:
+        present = firmware.read(read_text(old, limit=TABLE_BYTES), str(old))
     if mechanism.motion.planar and not new[:, 2].any():
         present[:, 2] = 0.0     # joint values are lengths in the plane, whatever the file says
     wanted = default_grid(mechanism).poses(mechanism)
     wanted = wanted[:: 1 + len(wanted) // MOST]
-    before, after = (_errors(firmware, machine, anchors * MM, wanted, mechanism)
-                     for anchors in (present, new))
-    lacks = tuple(_lacks(firmware, machine, exact * MM, wanted))
-    notes = (*firmware.notes(machine.frame), *instrument_notes(mechanism))
+    points = frame.inside(wanted[:, :3])
+
+    def errors(anchors: Array, real: Mechanism = mechanism) -> ErrorSummary:
+        """Return how far ``real`` is from wanted poses, driven with anchors (k, 3), mm."""
+        lengths = np.linalg.norm(points[:, None] - anchors * MM, axis=2)
+        # what a firmware counts as a length is one by the nominal ratio
+        q = np.empty((len(wanted), len(real.actuators)))
+        q[:, [real.limbs[i].actuator for i in order]] = (
+            lengths - firmware.zero(anchors * MM)) / nominal.ratio
+        reached = reached_poses(Model(real), q, at_rest(real, len(q))).pose
+        return pose_errors(real, reached, pose_motor(np.nan_to_num(wanted)))
+
+    before, after = errors(present), errors(new)
+    parts = tuple(_parts(firmware, [mechanism.limbs[i].name for i in order],
+                         ropes.ratio / nominal.ratio, ropes.offset - firmware.zero(exact * MM)))
+    lacks = tuple(_lacks(mechanism, parts, partial(errors, exact)))
+    elsewhere = shift_words(frame)
+    notes = (*([Note(firmware.shifted.format(elsewhere), NOTE)] if elsewhere else []),
+             *instrument_notes(mechanism))
     text = firmware.text(new, head(mechanism.name, before, after, lacks, notes))
     if not np.array_equal(firmware.read(text, firmware.file), new):
         raise misread(firmware.file)
@@ -129,60 +137,34 @@ def export_ropes(firmware: RopeFirmware, mechanism: Mechanism, old: Path | None,
         f"{firmware.title}'s anchors hold {'most' if lacks else 'all'} of the geometry",
         tuple(Number(name, olds.get(name), value, "mm") for name, value in firmware.table(new)),
         f"{len(wanted)} places of a box about home", before, after, lacks, notes,
-        tuple(firmware.advice(old)), poses=wanted,
-        again=lambda m: dict(firmware.table(_anchors(firmware, _machine(firmware, m)))))
+        (Note(firmware.advice(old), NOTE),), poses=wanted, again=lambda m: dict(
+            firmware.table(_anchors(firmware, m, rope_geometry(m, firmware.order(m)))[1])))
 
 
-def _anchors(firmware: RopeFirmware, machine: _Machine) -> Array:
-    """Return the anchors (k, 3), mm, in the firmware's frame."""
-    return np.asarray(machine.frame.inside(machine.ropes.anchors) / MM)
+def _anchors(firmware: RopeFirmware, mechanism: Mechanism, ropes: RopeGeometry
+             ) -> tuple[Frame, Array]:
+    """Return the firmware's frame in a machine, and the anchors (k, 3) in that, mm."""
+    frame = firmware.frame(mechanism, ropes)
+    return frame, np.asarray(frame.inside(ropes.anchors) / MM)
 
 
-def _machine(firmware: RopeFirmware, mechanism: Mechanism) -> _Machine:
-    order = firmware.order(mechanism)
-    ropes, nominal = (rope_geometry(m, order) for m in (mechanism, mechanism.nominal()))
-    return _Machine(mechanism, ropes, nominal, order, firmware.frame(mechanism, ropes))
+def _parts(firmware: RopeFirmware, names: list[str], longer: Array, apart: Array) -> Iterator[str]:
+    """Yield what of ropes anchors cannot hold: that they are ``apart`` (k,), m, and ``longer``."""
+    if np.ptp(apart) > EXACT or abs(apart[0]) > EXACT:
+        yield "ropes are longer than they read by " + ", ".join(
+            f"{value / MM:.4g} mm ({name})" for name, value in zip(names, apart, strict=True))
+    if np.abs(longer - 1.0).max() > EXACT:
+        yield f"{firmware.scaled}: " + ", ".join(
+            f"{value:.6g} ({name})" for name, value in zip(names, longer, strict=True))
 
 
-def _present(firmware: RopeFirmware, machine: _Machine, old: Path | None) -> Array:
-    """Return the anchors in use (k, 3), mm: of the old file, else the nominal ones."""
-    if old is None:
-        nominal = machine.real.nominal()
-        anchors = firmware.frame(nominal, machine.nominal).inside(machine.nominal.anchors) / MM
-        return np.asarray(np.round(anchors, firmware.decimals) + 0.0)
-    return firmware.read(read_text(old, limit=TABLE_BYTES), str(old))
-
-
-def _errors(firmware: RopeFirmware, machine: _Machine, anchors: Array, wanted: Array,
-            real: Mechanism) -> ErrorSummary:
-    """Return how far ``real`` is from wanted poses (N, 6), driven with anchors (k, 3), m."""
-    lengths = firmware.lengths(anchors, machine.frame.inside(wanted[:, :3]))
-    # what a firmware counts as a length is one by the nominal ratio
-    q = np.empty((len(wanted), len(real.actuators)))
-    q[:, list(machine.ropes.actuators)] = lengths / machine.nominal.ratio
-    reached = reached_poses(Model(real), q, at_rest(real, len(q))).pose
-    return pose_errors(real, reached, pose_motor(np.nan_to_num(wanted)))
-
-
-def _lacks(firmware: RopeFirmware, machine: _Machine, anchors: Array, wanted: Array
+def _lacks(mechanism: Mechanism, parts: tuple[str, ...], cost: Callable[[Mechanism], ErrorSummary]
            ) -> Iterator[NotExpressed]:
     """Yield what anchors alone cannot hold, with what that costs."""
-    mechanism, ropes = machine.real, machine.ropes
-    bare = replace(mechanism, effects=tuple(e for e in mechanism.effects if e.kind.height))
-    names = [mechanism.limbs[i].name for i in machine.order]
-    longer = ropes.ratio / machine.nominal.ratio
-    apart = ropes.offset - firmware.zero(anchors)
-    parts = []
-    if np.ptp(apart) > EXACT or abs(apart[0]) > EXACT:
-        parts.append("ropes are longer than they read by " + ", ".join(
-            f"{value / MM:.4g} mm ({name})" for name, value in zip(names, apart, strict=True)))
-    if np.abs(longer - 1.0).max() > EXACT:
-        parts.append(f"{firmware.scaled}: " + ", ".join(
-            f"{value:.6g} ({name})" for name, value in zip(names, longer, strict=True)))
     if parts:
+        bare = replace(mechanism, effects=tuple(e for e in mechanism.effects if e.kind.height))
         slots = tuple(n for n in mechanism.names if n.endswith((".offset", ".ratio")))
-        yield NotExpressed("; ".join(parts), slots,
-                           _errors(firmware, machine, anchors, wanted, bare))
+        yield NotExpressed("; ".join(parts), slots, cost(bare))
     for effect in mechanism.effects:
         if not effect.kind.instrument and not effect.kind.height:
             yield effect_lacking(mechanism, effect, "")
@@ -195,10 +177,3 @@ def shift_words(frame: Frame) -> str:
     if np.abs(frame.origin).max() < EXACT and abs(turn) < 1e-9:
         return ""
     return f"({place}) mm" + (f", turned by {turn:.4g} deg" if abs(turn) >= 1e-9 else "")
-
-
-def horizontal(x_axis: Array) -> Array:
-    """Return the axes (3, 3), as rows, of a frame whose x axis is along a vector in the plane."""
-    along = x_axis / np.linalg.norm(x_axis)
-    up = np.array([0.0, 0.0, 1.0])
-    return np.array([along, np.cross(up, along), up])
