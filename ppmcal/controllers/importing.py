@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -41,41 +41,23 @@ instrument: {{kind: {kind}, sigma: {{{stated}, estimated: true}}}}
 {rest}"""
 
 
-class Imported(Protocol):
-    """What a controller's files say of a machine."""
-
-    @property
-    def findings(self) -> Sequence[str]:
-        """What the user must look at."""
-        ...
-
-    @property
-    def inputs(self) -> Sequence[str]:
-        """Other files that were read."""
-        ...
-
-    def files(self) -> Mapping[str, str]:
-        """Return file name -> text: :data:`MACHINE`, tables of measurements and their sidecars."""
-        ...
-
-    def headline(self) -> str:
-        """Return what the files hold, in a sentence."""
-        ...
-
-    def summary(self) -> Mapping[str, object]:
-        """Return what ``--json`` prints of it."""
-        ...
-
-
 @dataclass(frozen=True)
-class ImportedFiles:
-    """The same, where all of it is known at once: :class:`Imported`."""
+class Imported:
+    """What a controller's files say of a machine.
+
+    Attributes:
+        texts: file name -> text: :data:`MACHINE`, tables of measurements and their sidecars.
+        sentence: what the files hold.
+        entries: what ``--json`` prints of it.
+        findings: what the user must look at.
+        inputs: other files that were read.
+    """
 
     texts: Mapping[str, str]
     sentence: str
     entries: Mapping[str, object]
     findings: tuple[str, ...] = ()
-    inputs: tuple[str, ...] = field(default=())
+    inputs: tuple[str, ...] = ()
 
     def files(self) -> Mapping[str, str]:
         """Return file name -> text."""

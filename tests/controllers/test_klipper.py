@@ -19,7 +19,13 @@ from ppmcal import import_config
 from ppmcal.controllers.delta.fit import project
 from ppmcal.controllers.delta.geometry import DeltaGeometry
 from ppmcal.controllers.delta.machine import drive_of, reached
-from ppmcal.controllers.klipper.config import format_geometry, parse_config, read_geometry
+from ppmcal.controllers.klipper.config import (
+    config_lines,
+    parse_config,
+    read_config,
+    read_geometry,
+    read_step,
+)
 from ppmcal.controllers.klipper.controller import KLIPPER
 from ppmcal.controllers.klipper.reading import read_printer
 from ppmcal.errors import BadInput, NoResult
@@ -162,7 +168,8 @@ def test_three_commands_recover_the_printer(printer: Path) -> None:
 def test_import_reads_what_the_printer_saved(printer: Path) -> None:
     found = read_printer(printer / "printer.cfg")
     assert found.geometry == OLD
-    assert found.step == pytest.approx((STEP,) * 3, abs=1e-15)
+    saved = read_config(printer / "printer.cfg")
+    assert [read_step(saved, f"stepper_{t}") for t in "abc"] == pytest.approx([STEP] * 3, abs=1e-15)
     assert len(found.heights) == len(BED) and len(found.distances) == 8
     assert any("mainsail.cfg" in f for f in found.findings)
     assert columns(printer / "imported" / "distances.csv") == [
@@ -221,7 +228,7 @@ LENGTH = st.floats(100, 400)
 @given(st.tuples(st.floats(1, 99.9), *[st.floats(-360, 360)] * 3, *[LENGTH] * 6))
 def test_what_is_written_reads_back_equal(v: tuple[float, ...]) -> None:
     geometry = DeltaGeometry(v[0], v[1:4], v[4:7], v[7:10]).rounded()
-    again = read_geometry(parse_config(format_geometry(geometry, "a\n[b]"), "x"))
+    again = read_geometry(parse_config(config_lines(geometry.named(), "a\n[b]"), "x"))
     assert again == geometry
 
 

@@ -10,11 +10,10 @@ import yaml
 from helpers.commands import ppmcal
 
 from ppmcal import export, import_config
-from ppmcal.controllers.klipper.config import parse_config, read_config
+from ppmcal.controllers.klipper.config import config_lines, parse_config, read_config
 from ppmcal.controllers.klipper.rotary import (
     RotaryDelta,
     arm_angles,
-    format_rotary,
     read_motor_step,
     read_rotary,
 )
@@ -190,4 +189,4 @@ def test_what_else_is_refused(tmp_path):
     with pytest.raises(BadInput, match="kinematics is not rotary_delta"):
         read_rotary(config)
     assert read_motor_step(read_config(tmp_path / "printer.cfg"), "a") == pytest.approx(STEP)
-    assert format_rotary(MEANT).startswith("[printer]\nshoulder_radius: 33.900000\n")
+    assert config_lines(MEANT.named()).startswith("[printer]\nshoulder_radius: 33.900000\n")

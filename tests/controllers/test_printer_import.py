@@ -20,8 +20,8 @@ from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.noise_estimate import with_estimated_noise
 from ppmcal.calibration.fit.problem import Problem
-from ppmcal.controllers.delta.files import SHRUNK
 from ppmcal.controllers.delta.geometry import DeltaGeometry
+from ppmcal.controllers.delta.importer import SHRUNK
 from ppmcal.controllers.klipper.lines import BLOCK
 from ppmcal.io import read_campaign, read_mechanism
 

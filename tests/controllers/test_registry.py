@@ -42,7 +42,7 @@ def printer(path, rods, meshes, radius):
     r, rod, end = map(float, path.read_text().split())
     meant = DeltaGeometry(r, ANGLES, (rod,) * 3, (end,) * 3)
     origin = dict.fromkeys(("delta_radius", "rods", "endstops"), "the file")
-    return Printer(str(path), meant, (0.01,) * 3, nominal_of(str(path), meant, meant, origin, rods))
+    return Printer(str(path), meant, nominal_of(str(path), meant, meant, origin, rods))
 
 
 import_config = printer_importer(printer)

@@ -14,7 +14,7 @@ from ppmcal import import_config
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.commands.inputs import load, read_data
-from ppmcal.controllers.delta.files import files
+from ppmcal.controllers.delta.importer import files
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.unknown_causes import UnknownCauses

@@ -15,7 +15,7 @@ from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.fit.unknown_directions import with_unknown_directions
-from ppmcal.controllers.delta.files import files
+from ppmcal.controllers.delta.importer import files
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.recorded import with_whole_rows

@@ -67,9 +67,9 @@ class DeltaFirmware(Generic[DeltaConfig, DeltaNumbers]):
         advice: sentences on that, with the old file and its content, None where none is given.
         notes: what a user should know of the firmware's conventions.
         check: raises NoResult for numbers, of a source, that the firmware would not take.
-        codes: the commands whose lines hold its numbers, and their letters; empty of one that has
-            other lines.
-        bare: a line without what a host shows before it.
+        codes: the commands whose lines hold its numbers, and their letters; bare: a line without
+            what a host shows before it; copy: what a copy of such lines is called. Empty of one
+            that has other lines.
         fitted: what its numbers hold of a machine that they cannot express.
     """
 
@@ -94,11 +94,11 @@ class DeltaFirmware(Generic[DeltaConfig, DeltaNumbers]):
     fitted: str = "most of the geometry, fitted"
     codes: Mapping[int, str] = field(default_factory=dict)
     bare: Callable[[str], str] = str
+    copy: str = ""
 
 
-def patched_lines(firmware: DeltaFirmware[Lines, Any], made: Exported, old: Path, copy: str
-                  ) -> Exported:
-    """Return an export with a copy of the file in use that holds the new lines, called ``copy``.
+def patched_lines(firmware: DeltaFirmware[Lines, Any], made: Exported, old: Path) -> Exported:
+    """Return an export with a copy of the file in use that holds the new lines.
 
     Raises:
         BadInput: the lines cannot be put into it, or what it runs may win over them.
@@ -109,10 +109,11 @@ def patched_lines(firmware: DeltaFirmware[Lines, Any], made: Exported, old: Path
                        "Give that file as --old if it has them, or leave out --write")
     new = made.files[firmware.file]
     text = with_lines(exact_text(old), str(old), firmware.codes, new, firmware.bare)
-    if firmware.numbers(firmware.parse(text, copy)) != firmware.numbers(
+    if firmware.numbers(firmware.parse(text, firmware.copy)) != firmware.numbers(
             firmware.parse(new, firmware.file)):
         raise NoResult("the copy with the new numbers reads back as something else", str(old),
                        "Leave out --write, and paste the lines")
-    advice = Note(f"The {copy} written has the new lines below the old ones, which are commented "
-                  "out.", NOTE)
-    return replace(made, files={**made.files, copy: text}, advice=(advice,), copy=copy)
+    advice = Note(f"The {firmware.copy} written has the new lines below the old ones, which are "
+                  "commented out.", NOTE)
+    return replace(made, files={**made.files, firmware.copy: text}, advice=(advice,),
+                   copy=firmware.copy)

@@ -11,7 +11,9 @@ RepRapFirmware counts some from elsewhere. Steps are not rounded.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any, TypeVar
 
 import numpy as np
@@ -27,6 +29,9 @@ DIGITS = 6
 """Decimals of numbers that are kept."""
 SMALLEST = 1e-6
 """No number of a printer that has to be above 0 is as small, mm."""
+KEYS = ("printer.delta_radius", *(f"stepper_{tower}.{key}" for tower in TOWERS
+        for key in ("angle", "arm_length", "position_endstop")))
+"""``section.key`` of a printer.cfg for every number of a delta's geometry."""
 Triple = tuple[float, float, float]
 Numbers = TypeVar("Numbers")
 
@@ -45,13 +50,9 @@ class DeltaGeometry:
         return rounded(self, DIGITS)
 
     def named(self) -> dict[str, float]:
-        """Return ``section.key`` of a printer.cfg -> value, mm and degrees."""
-        out = {"printer.delta_radius": self.radius}
-        for i, tower in enumerate(TOWERS):
-            out |= {f"stepper_{tower}.angle": self.angles[i],
-                    f"stepper_{tower}.arm_length": self.arms[i],
-                    f"stepper_{tower}.position_endstop": self.endstops[i]}
-        return out
+        """Return the value of each of :data:`KEYS`, mm and degrees."""
+        towers = zip(self.angles, self.arms, self.endstops, strict=True)
+        return dict(zip(KEYS, (self.radius, *chain(*towers)), strict=True))
 
     @property
     def turns(self) -> Triple:
@@ -74,8 +75,13 @@ def rounded(numbers: Numbers, digits: int) -> Numbers:
     return replace(numbers, **{k: cut(v) for k, v in vars(numbers).items()})  # type: ignore[type-var]
 
 
-def triple(values: Array) -> Triple:
-    """Return three numbers of an array as they go into a :class:`DeltaGeometry`."""
+def unit_of(key: str) -> str:
+    """Return the unit of a number by its key in a printer.cfg."""
+    return "deg" if key.endswith("angle") else "mm"
+
+
+def triple(values: Array | Sequence[float]) -> Triple:
+    """Return three numbers as they go into a :class:`DeltaGeometry`."""
     return float(values[0]), float(values[1]), float(values[2])
 
 

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import csv
+import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
-from ppmcal.calibration.fit import Problem
+from ppmcal.calibration.fit import Z95, Problem
 from ppmcal.calibration.validation import DEFINITION, before
-from ppmcal.controllers.delta.files import RODS, SCALES, SHRUNK, files, rods_of
-from ppmcal.controllers.delta.geometry import SMALLEST
-from ppmcal.controllers.delta.printer import Printer, PrinterReader
+from ppmcal.controllers.delta.geometry import SMALLEST, TOWERS, DeltaGeometry
+from ppmcal.controllers.delta.printer import Nominal, Printer, PrinterReader, offsets
+from ppmcal.controllers.importing import MACHINE, Imported, machine_head, sidecar
 from ppmcal.errors import BadInput, PpmcalError, unknown
-from ppmcal.io import read_mechanism
+from ppmcal.io import csv_text, read_mechanism
 from ppmcal.io.column_names import LABELS
 from ppmcal.io.dataset_reader import dataset_of
 from ppmcal.io.frames import as_table
@@ -27,9 +27,255 @@ from ppmcal.io.results.identification_parts import summaries
 from ppmcal.io.sidecar import sidecar_of
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.limbs.spatial import PUS
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import Note
 from ppmcal.wording import number, pluralize
+
+NOZZLE = "translational             # a pose is x, y, z of the nozzle, the bed is z = 0"
+HEIGHT = ("height", *(f"q_{t}" for t in TOWERS))
+DISTANCE = ("distance", *HEIGHT[1:], *(f"to_{c}" for c in HEIGHT[1:]))
+"""Columns of a table of touches, and of one of distances between two places."""
+HEIGHT_SIGMA = 0.02
+DISTANCE_SIGMA = 0.05
+LEAN = 0.2
+"""Tolerance of a tower's direction, degrees."""
+SHRUNK = (0.992, 0.998)
+"""Lengths of a printed part over those between the nozzle's places: ends of a 95 % interval."""
+SCALES = ("printed", "known", "unknown")
+"""What measured distances are: those of a printed part, true, or off by any factor."""
+RODS = ("fixed", "shared", "single")
+LONGEST = 1e5
+"""No rod is longer, and no radius, mm."""
+
+
+@dataclass(frozen=True)
+class ImportedPrinter(Imported):
+    """A printer and its measurements.
+
+    Attributes:
+        printer: what the controller's file says, mm and degrees.
+        rods: how rods are taken: ``fixed``, ``shared`` or ``single``.
+        scale: of measured distances: ``printed``, ``known``, or ``unknown``.
+        before: errors of the written machine on each table of touches, mm, and their definition.
+    """
+
+    printer: Printer = field(kw_only=True)
+    rods: str = field(kw_only=True)
+    scale: str = field(kw_only=True)
+    before: Mapping[str, object] = field(kw_only=True)
+
+
+def printer_importer(read: PrinterReader) -> Callable[[Path, Mapping[str, Any]], ImportedPrinter]:
+    """Return the ``import_config`` of a firmware, :class:`ppmcal.controllers.importing.Importer`.
+
+    What the printer saved of an earlier calibration is a result: the machine has the numbers in
+    the body of the file, also where they are commented out.
+    """
+    def import_config(path: Path, options: Mapping[str, Any]) -> ImportedPrinter:
+        scale, radius, mesh = options["scale"], options["radius"], options.get("mesh", ())
+        if scale not in SCALES:
+            raise unknown("scale of distances", scale, SCALES, "--scale")
+        length, chosen = _rods(options["rods"])
+        if radius is not None and not SMALLEST <= radius < LONGEST:
+            raise BadInput(f"{radius} is not a radius in mm", "--radius",
+                           "Give it from the joints at a tower to those at the effector, such as "
+                           "--radius 140")
+        meshes = [str(m) for m in ([mesh] if isinstance(mesh, str | os.PathLike) else mesh)]
+        printer = read(path, length, meshes, radius)
+        findings = list(printer.findings)
+        if printer.distances and scale == "known" and not printer.nominal.rods_known:
+            findings.append(Note("the distances alone hold the size: where the part that they were "
+                                 "measured on has shrunk by 0.3 %, rods of 300 mm come out 1 mm "
+                                 "short"))
+        # touches hardly tell the length of rods: else as many lengths as the file has
+        rods = chosen or ("shared" if len(set(printer.nominal.geometry.arms)) == 1 else "single")
+        inputs = (*printer.included, *(m for m in meshes if Path(m).is_file()))
+        return _imported(path, printer, rods, scale, chosen is None, tuple(findings), inputs)
+
+    return import_config
+
+
+def _imported(path: Path, printer: Printer, rods: str, scale: str, choose: bool,
+              findings: tuple[Note, ...], inputs: tuple[str, ...]) -> ImportedPrinter:
+    """Return a printer's files, and what is said of them."""
+    texts = files(printer, rods, scale, choose)
+    errors = printer_before(texts)
+    beds = "".join(f"; {len(m.rows)} touches of mesh {m.name}" for m in printer.meshes)
+    size = printer.size
+    if size and scale == "printed":
+        size += f" (a printed part shrinks, to {SHRUNK[0]:g} to {SHRUNK[1]:g} of its length)"
+    sentence = (f"{path}: a delta printer with {pluralize(len(printer.heights), 'height')} and "
+                f"{pluralize(len(printer.distances), 'distance')}{beds}; rods {rods}. "
+                f"{before_sentence(errors)} {f'{size}.' if size else ''}").strip()
+    entries = {
+        "heights": len(printer.heights), "distances": len(printer.distances),
+        "meshes": {m.name: len(m.rows) for m in printer.meshes},
+        "rods": rods, "scale": scale if printer.distances else None,
+        "nominal": printer.nominal.geometry.named(), "nominal_from": printer.nominal.origin,
+        "saved": printer.calibration.named() if printer.calibrated else None,
+        "saved_off": dict(printer.off), "size": size or None, "before": dict(errors)}
+    return ImportedPrinter(texts, sentence, entries, findings, inputs, printer=printer, rods=rods,
+                           scale=scale, before=errors)
+
+
+def _rods(given: str | float | Sequence[str | float]) -> tuple[float | None, str | None]:
+    """Return the length of the rods, mm, and how they are fitted."""
+    each = [given] if isinstance(given, str | int | float) else list(given)
+    length: float | None = None
+    word: str | None = None
+    for one in each:
+        if one in RODS:
+            word = str(one)
+            continue
+        try:
+            length = float(one)
+        except ValueError:
+            raise unknown("way to take rods", one, RODS, "--rods") from None
+        if not 0.0 < length < LONGEST:
+            raise BadInput(f"{one} is not a rod length in mm", "--rods",
+                           "Give it from bearing to bearing, such as --rods 345")
+    return length, word
+
+
+def _scale_line(scale: str) -> str:
+    """Return the sidecar's line on the scale of measured distances, of :data:`SCALES`.
+
+    Rods and scale are one direction. Neither a length on a drawing nor a part outweighs the
+    other: each counts by how well it is known.
+    """
+    if scale != "printed":
+        return f"scale: {scale}    # of all these distances\n"
+    low, high = SHRUNK
+    value, sigma = round((low + high) / 2.0, 4), round((high - low) / (2.0 * Z95), 4)
+    least, most = (100.0 * (1.0 - part) for part in reversed(SHRUNK))
+    return (f"# Plastic shrinks: in 95 of 100 printed parts all lengths are {least:.1f} to "
+            f"{most:.1f} % too small.\nscale: {{value: {value:g}, sigma: {sigma:g}}}"
+            "    # where you know better, write it here\n")
+
+
+def files(printer: Printer, rods: str, scale: str = "known", choose: bool = False
+          ) -> dict[str, str]:
+    """Return file name -> text of everything that the import writes.
+
+    ``choose``: whether freedoms are left to what predicts best.
+    """
+    more = _OPTIONAL if choose and printer.distances and printer.nominal.rods_known else ""
+    out = {MACHINE: machine_yaml(printer, rods) + more}
+    if printer.calibrated:
+        out["saved.yaml"] = saved_yaml(printer, rods)
+    out |= touch_files(printer.heights, printer.distances, "where the carriages were")
+    if printer.distances:
+        out["distances.yaml"] += _scale_line(scale)
+    for mesh in printer.meshes:
+        out |= _table(f"mesh_{mesh.name}", "plane", (*HEIGHT, "dir_x"), mesh.rows, HEIGHT_SIGMA, (
+            "# Touches of a bed in their order; how high it lies and how it is tilted is not known."
+            "\n# Carriages are where the numbers in the configuration put them: it has to hold "
+            "those\n# that the bed was probed with."), "unknown")
+    return out
+
+
+def touch_files(heights: Sequence[Sequence[float]], distances: Sequence[Sequence[float]],
+                joints: str) -> dict[str, str]:
+    """Return tables and sidecars of heights and distances; ``joints``: what else rows say."""
+    out = dict[str, str]()
+    if heights:
+        out |= _table("heights", "plane", HEIGHT, heights, HEIGHT_SIGMA,
+                      f"# Touches: the nozzle's true height above the bed, and {joints}.")
+    if distances:
+        out |= _table("distances", "distance", DISTANCE, distances, DISTANCE_SIGMA,
+                      "# Distances on a printed part between two nozzle positions.")
+    return out
+
+
+def _table(name: str, kind: str, columns: Sequence[str], rows: Sequence[Sequence[float]],
+           sigma: float, comment: str, frame: str = "known") -> dict[str, str]:
+    """Return a table of touches, or of distances, and its sidecar below a comment."""
+    return {f"{name}.csv": csv_text(columns, list(np.array(rows, dtype=float).T)),
+            f"{name}.yaml": sidecar(comment, name, kind, {columns[0]: sigma}, sigma,
+                                    f"frame: {frame}\ntarget: known\n")}
+
+
+def machine_yaml(printer: Printer, rods: str) -> str:
+    """Return the printer as it was meant to be, a commented mechanism file.
+
+    A carriage is at u = offset - travel, offset = position_endstop +
+    sqrt(arm_length^2 - delta_radius^2), and the machine closes where the arm from there ends.
+    """
+    nominal = printer.nominal
+    origin = ", ".join(f"{what}: {where}" for what, where in nominal.origin.items())
+    angles = ", ".join(f"{t} {a:g}" for t, a in zip(TOWERS, nominal.geometry.angles, strict=True))
+    head = f"""\
+# A linear delta printer, as it was meant to be before any calibration. Where its numbers are
+# from: {origin}; angles {angles}.
+# Only the difference of tower radius and effector radius shows, so the former is delta_radius
+# and the latter 0. Rods: {_RODS[rods]}
+{machine_head(f"delta printer of {Path(printer.source).name}", NOZZLE)}limbs:
+"""
+    offset = _size(_offset_tolerance(nominal))
+    tail = f"""\
+home: {{pose: {{x: 0, y: 0, z: 0}}}}
+# one standard deviation each of: delta_radius, angles, offset (endstops and rods), rods
+tolerances: {{point: {_size(nominal.radius)}, angle: 0.5, offset: {offset}, \
+length: {_size(nominal.rods)}}}
+"""
+    return head + "".join(_tower(printer, i, rods) for i in range(3)) + tail
+
+
+def _offset_tolerance(nominal: Nominal) -> float:
+    """Return the tolerance of offset, mm: the endstop's, and what a longer rod adds to it."""
+    arm, radius = max(nominal.geometry.arms), nominal.geometry.radius
+    longer = nominal.rods * arm / math.sqrt(arm**2 - radius**2)
+    return math.ceil(10.0 * math.hypot(nominal.offset, longer)) / 10.0 if math.isfinite(
+        nominal.offset) else nominal.offset
+
+
+def _size(tolerance: float) -> str:
+    return f"{tolerance:g}" if math.isfinite(tolerance) else ".inf"
+
+
+def saved_yaml(printer: Printer, rods: str) -> str:
+    """Return the printer with the numbers that it saved itself, to compare with."""
+    own = replace(printer, nominal=replace(printer.nominal, geometry=printer.calibration))
+    each = "single" if rods == "shared" and len(set(printer.calibration.arms)) > 1 else rods
+    text = machine_yaml(own, each)
+    return ("# With the numbers that the printer saved itself: a result, to be compared with\n"
+            "# (`ppmcal validate identified DATA --against saved.yaml`), never a nominal.\n"
+            + text[text.index("format:"):])
+
+
+_OPTIONAL = """\
+# identify takes these, or leaves them, by what predicts touches and distances left out
+# (`--free` chooses by hand): the rods' lengths, then towers that lean
+optional: [["*.length"], ["*.base.direction.*"]]
+"""
+_RODS = {"fixed": "fixed,\n# as if they were known exactly.",
+         "shared": "one length for\n# all, fitted; it takes distances to know it.",
+         "single": "one length for\n# each tower, fitted; it takes distances to know them."}
+
+
+def _tower(printer: Printer, i: int, rods: str) -> str:
+    g: DeltaGeometry = printer.nominal.geometry
+    arm, angle = g.arms[i], g.angles[i]
+    end = {"fixed": ", fixed: true", "shared": ", share: rod", "single": ""}[rods]
+    held = ", fixed: true" if i == 2 else ""
+    why = "    # holds the x and y axes" if i == 2 else ""
+    return f"""\
+  - name: {TOWERS[i]}
+    kind: {PUS.name}
+    base:
+      point:
+        radius: {{share: delta_radius, value: {g.radius!r}}}
+        angle: {{value: {angle!r}{held}}}{why}
+        z: {{value: 0, fixed: true}}    # an error here is one of offset
+      direction: {{value: [0, 0, 1], fixed: true, tolerance: {LEAN}}}    # free: it leans
+    platform:
+      point: {{value: [0, 0, 0], fixed: true}}
+    length: {{value: {arm!r}{end}}}
+    ratio: -1    # q is travel down from the endstop in mm, whatever the microsteps
+    offset: {offsets(g)[i]!r}    # position_endstop + sqrt(arm_length^2 - delta_radius^2)
+    branch: 1
+"""
 
 
 def printer_before(texts: Mapping[str, str]) -> dict[str, object]:
@@ -43,7 +289,7 @@ def printer_before(texts: Mapping[str, str]) -> dict[str, object]:
         where the machine reaches none of them.
     """
     try:
-        mechanism = read_mechanism(yaml.safe_load(texts["machine.yaml"]))
+        mechanism = read_mechanism(yaml.safe_load(texts[MACHINE]))
         sets = tuple(_datasets(texts, mechanism))
         if not sets:
             return {}
@@ -83,118 +329,3 @@ def touches(mechanism: Mechanism, name: str, header: Sequence[str], rows: Array,
     columns = dict(zip(header, rows.T, strict=True))
     return dataset_of(as_table(columns, (), name, LABELS.__contains__),
                       sidecar_of(sidecar, mechanism), name, mechanism)
-
-
-LONGEST = 1e5
-"""No rod is longer, and no radius, mm."""
-
-
-@dataclass(frozen=True, eq=False)
-class ImportedPrinter:
-    """A printer and its measurements: :class:`ppmcal.controllers.importing.Imported`.
-
-    Attributes:
-        file: the controller's file.
-        printer: what it says, mm and degrees.
-        rods: how rods are taken: ``fixed``, ``shared`` or ``single``.
-        scale: of measured distances: ``printed``, ``known``, or ``unknown``.
-        choose: whether freedoms are left to what predicts best.
-        findings: what the user must look at.
-        inputs: other files that were read.
-    """
-
-    file: str
-    printer: Printer
-    rods: str
-    scale: str
-    choose: bool
-    findings: tuple[str, ...]
-    inputs: tuple[str, ...]
-
-    def files(self) -> Mapping[str, str]:
-        """Return machine.yaml, saved.yaml, and heights, distances and meshes with sidecars."""
-        return dict(self._texts)
-
-    @cached_property
-    def _texts(self) -> dict[str, str]:
-        return files(self.printer, self.rods, self.scale, self.choose)
-
-    @cached_property
-    def before(self) -> Mapping[str, object]:
-        """Errors of the written machine on each table of touches, mm, and their definition."""
-        return printer_before(self._texts)
-
-    @property
-    def _size(self) -> str:
-        """What printers of either size agree with, and where distances are of a part, its own."""
-        shrinks = f" (a printed part shrinks, to {SHRUNK[0]:g} to {SHRUNK[1]:g} of its length)"
-        return self.printer.size and self.printer.size + shrinks * (self.scale == "printed")
-
-    def headline(self) -> str:
-        """Return what the file holds."""
-        beds = "".join(f"; {len(m.rows)} touches of mesh {m.name}"
-                       for m in self.printer.meshes)
-        size = f"{self._size}." if self._size else ""
-        return (f"{self.file}: a delta printer with "
-                f"{pluralize(len(self.printer.heights), 'height')} and "
-                f"{pluralize(len(self.printer.distances), 'distance')}{beds}; rods {self.rods}. "
-                f"{before_sentence(self.before)} {size}").strip()
-
-    def summary(self) -> Mapping[str, object]:
-        """Return what ``--json`` prints of it; mm and degrees."""
-        nominal = self.printer.nominal
-        return {"heights": len(self.printer.heights), "distances": len(self.printer.distances),
-                "meshes": {m.name: len(m.rows) for m in self.printer.meshes},
-                "rods": self.rods, "scale": self.scale if self.printer.distances else None,
-                "nominal": nominal.geometry.named(), "nominal_from": nominal.origin,
-                "saved": self.printer.calibration.named() if self.printer.calibrated else None,
-                "saved_off": dict(self.printer.off), "size": self._size or None,
-                "before": dict(self.before)}
-
-
-def printer_importer(read: PrinterReader) -> Callable[[Path, Mapping[str, Any]], ImportedPrinter]:
-    """Return the ``import_config`` of a firmware, :class:`ppmcal.controllers.importing.Importer`.
-
-    What the printer saved of an earlier calibration is a result: the machine has the numbers in
-    the body of the file, also where they are commented out.
-    """
-    def import_config(path: Path, options: Mapping[str, Any]) -> ImportedPrinter:
-        scale, radius, mesh = options["scale"], options["radius"], options.get("mesh", ())
-        if scale not in SCALES:
-            raise unknown("scale of distances", scale, SCALES, "--scale")
-        length, chosen = _rods(options["rods"])
-        if radius is not None and not SMALLEST <= radius < LONGEST:
-            raise BadInput(f"{radius} is not a radius in mm", "--radius",
-                           "Give it from the joints at a tower to those at the effector, such as "
-                           "--radius 140")
-        meshes = [str(m) for m in ([mesh] if isinstance(mesh, str | os.PathLike) else mesh)]
-        printer = read(path, length, meshes, radius)
-        findings = list(printer.findings)
-        if printer.distances and scale == "known" and not printer.nominal.rods_known:
-            findings.append(Note("the distances alone hold the size: where the part that they were "
-                                 "measured on has shrunk by 0.3 %, rods of 300 mm come out 1 mm "
-                                 "short"))
-        inputs = (*printer.included, *(m for m in meshes if Path(m).is_file()))
-        return ImportedPrinter(str(path), printer, rods_of(printer, chosen), scale, chosen is None,
-                               tuple(findings), inputs)
-
-    return import_config
-
-
-def _rods(given: str | float | Sequence[str | float]) -> tuple[float | None, str | None]:
-    """Return the length of the rods, mm, and how they are fitted."""
-    each = [given] if isinstance(given, str | int | float) else list(given)
-    length: float | None = None
-    word: str | None = None
-    for one in each:
-        if one in RODS:
-            word = str(one)
-            continue
-        try:
-            length = float(one)
-        except ValueError:
-            raise unknown("way to take rods", one, RODS, "--rods") from None
-        if not 0.0 < length < LONGEST:
-            raise BadInput(f"{one} is not a rod length in mm", "--rods",
-                           "Give it from bearing to bearing, such as --rods 345")
-    return length, word

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
-from ppmcal.controllers.delta.geometry import DeltaGeometry, Triple
+from ppmcal.controllers.delta.geometry import DeltaGeometry, Triple, triple
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array
 from ppmcal.notes import Note
@@ -67,7 +66,6 @@ class Printer:
 
     Attributes:
         source: the file; geometry: what it prints with now.
-        step: travel per microstep, mm; nan where carriages are not counted in them.
         nominal: what it was meant to be.
         saved: whether ``geometry`` holds numbers of a calibration that it saved itself.
         heights: true z and carriages a, b, c below their endstops at each touch, mm, (N, 4).
@@ -82,7 +80,6 @@ class Printer:
 
     source: str
     geometry: DeltaGeometry
-    step: Triple
     nominal: Nominal
     saved: bool = False
     heights: tuple[tuple[float, ...], ...] = ()
@@ -105,30 +102,15 @@ class Printer:
         return self.saved and self.calibration != self.nominal.geometry
 
 
-class PrinterReader(Protocol):
-    """What reads a printer in one format."""
-
-    def __call__(self, path: Path, rods: float | None, meshes: Sequence[str], radius: float | None
-                 ) -> Printer:
-        """Return the printer of a configuration, with what it has measured.
-
-        Args:
-            path: the configuration.
-            rods: length of the rods as the user knows it, mm.
-            meshes: probed beds, by name or file.
-            radius: the delta's radius as the user knows it, mm.
-
-        Raises:
-            BadInput: anything wrong in the files.
-        """
-        ...
+PrinterReader = Callable[[Path, float | None, Sequence[str], float | None], Printer]
+"""What reads a printer in one format: the configuration's path, the length of the rods as the user
+knows it, mm, names or files of probed beds, and the delta's radius likewise. Raises BadInput."""
 
 
 def offsets(geometry: DeltaGeometry) -> Triple:
     """Return the carriages' heights at the endstops, mm: endstop + sqrt(rod^2 - radius^2)."""
-    a, b, c = (e + math.sqrt(rod**2 - geometry.radius**2)
-               for e, rod in zip(geometry.endstops, geometry.arms, strict=True))
-    return a, b, c
+    return triple([e + math.sqrt(rod**2 - geometry.radius**2)
+                   for e, rod in zip(geometry.endstops, geometry.arms, strict=True)])
 
 
 def far_radius(given: float, active: float) -> list[Note]:

@@ -19,7 +19,7 @@ from ppmcal.controllers.hangprinter.reading import (
     parse_config,
     read_samples,
 )
-from ppmcal.controllers.importing import ImportedFiles
+from ppmcal.controllers.importing import Imported
 from ppmcal.controllers.ropes.export import Frame, RopeFirmware, export_ropes
 from ppmcal.controllers.ropes.machine import (
     Rope,
@@ -52,7 +52,7 @@ DEFAULT = {4: ((0.0, -2000.0, -100.0), (2000.0, 1000.0, -100.0), (-2000.0, 1000.
 """The firmware's own anchors, mm, of machines with so many lines."""
 
 
-def import_config(path: Path, options: Mapping[str, Any]) -> ImportedFiles:
+def import_config(path: Path, options: Mapping[str, Any]) -> Imported:
     """Return a Hangprinter and its samples; see :class:`ppmcal.controllers.importing.Importer`.
 
     Raises:
@@ -71,7 +71,7 @@ def import_config(path: Path, options: Mapping[str, Any]) -> ImportedFiles:
     machine = _machine(path, joints, anchors, lengths, origin, tolerance,
                        all(run.places is None for run in runs))
     measured = sum(len(run.joints) for run in runs if run.places is not None)
-    return ImportedFiles(
+    return Imported(
         rope_files(machine, runs, path.name, SIGMA, POSITION),
         f"{path}: a Hangprinter with {pluralize(len(joints), 'sample')} of "
         f"{joints.shape[1]} lines, {measured} of them at measured places. Anchors: {origin}.",

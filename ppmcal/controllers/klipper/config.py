@@ -12,11 +12,18 @@ import difflib
 import math
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from ppmcal.controllers.delta.geometry import ANGLES, DIGITS, TOWERS, DeltaGeometry, above_zero
+from ppmcal.controllers.delta.geometry import (
+    ANGLES,
+    DIGITS,
+    TOWERS,
+    DeltaGeometry,
+    above_zero,
+    triple,
+)
 from ppmcal.controllers.klipper.lines import HEADER, TEXT_WANTED, ConfigLine, lines_of, unread
 from ppmcal.controllers.text import DECIMAL, commented, read_text
 from ppmcal.errors import BadInput
@@ -29,9 +36,6 @@ OPTIONS = frozenset((
     "full_steps_per_rotation", "microsteps", "upper_arm_length", "lower_arm_length",
     "shoulder_radius", "shoulder_height"))
 """Of geometry and drives: where one is missing, a key that is nearly it is one misspelt."""
-GEOMETRY_KEYS = ("printer.delta_radius", *(f"stepper_{tower}.{key}" for tower in TOWERS
-                 for key in ("angle", "arm_length", "position_endstop")))
-"""``section.key`` of every number of a delta's geometry."""
 _MINE = re.compile(r"printer|stepper_.*|delta_calibrate")
 
 
@@ -215,8 +219,7 @@ def read_geometry(config: Config) -> DeltaGeometry:
             raise BadInput(f"the arm of tower {tower}, {arms[i]:g} mm, does not reach the middle: "
                            f"delta_radius is {radius:g} mm", config.at(name, "arm_length"),
                            "Check both lengths; arm_length is the longer one")
-    return DeltaGeometry(radius, (angles[0], angles[1], angles[2]), (arms[0], arms[1], arms[2]),
-                    (ends[0], ends[1], ends[2]))
+    return DeltaGeometry(radius, triple(angles), triple(arms), triple(ends))
 
 
 def read_step(config: Config, name: str) -> float:
@@ -283,18 +286,13 @@ def read_rows(config: Config, what: str, ends: tuple[str, ...]) -> list[tuple[fl
     return out
 
 
-def config_lines(numbers: Iterable[tuple[str, float]], comment: str = "") -> str:
+def config_lines(numbers: Mapping[str, float], comment: str = "") -> str:
     """Return the lines to paste into a ``printer.cfg``, of ``section.key`` and value each."""
     lines, section = commented(comment), ""
-    for name, value in numbers:
+    for name, value in numbers.items():
         own, _, key = name.partition(".")
         if own != section:
             lines += [""] * bool(section) + [f"[{own}]"]
             section = own
         lines.append(f"{key}: {value:.{DIGITS}f}")
     return "\n".join(lines) + "\n"
-
-
-def format_geometry(geometry: DeltaGeometry, comment: str = "") -> str:
-    """Return the lines of a linear delta."""
-    return config_lines(geometry.named().items(), comment)

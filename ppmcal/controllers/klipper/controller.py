@@ -18,13 +18,13 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal.controllers.delta.firmware import DeltaFirmware, DeltaFit
 from ppmcal.controllers.delta.fit import export_delta
-from ppmcal.controllers.delta.geometry import MM, TOWERS, DeltaGeometry, travel
+from ppmcal.controllers.delta.geometry import MM, TOWERS, DeltaGeometry, travel, unit_of
 from ppmcal.controllers.delta.importer import printer_importer
 from ppmcal.controllers.export import Exported, refuse_poses
 from ppmcal.controllers.importing import Imported
 from ppmcal.controllers.klipper.config import (
     Config,
-    format_geometry,
+    config_lines,
     parse_config,
     read_config,
     read_geometry,
@@ -77,11 +77,6 @@ def lifts(mechanism: Mechanism, poses: Array) -> Array:
 COPY = "printer.cfg"
 
 
-def _table(geometry: DeltaGeometry) -> Iterator[tuple[str, str, float]]:
-    for name, value in geometry.named().items():
-        yield name, "deg" if name.endswith("angle") else "mm", value
-
-
 def _advice(found: DeltaFit[DeltaGeometry], old: Path | None, config: Config | None
             ) -> Iterator[Note]:
     if old is not None:
@@ -107,7 +102,9 @@ def refuse_endstops(new: DeltaGeometry, source: str) -> None:
 KLIPPER = DeltaFirmware(
     "klipper", "Klipper", "klipper.cfg", ("stepper_a", "stepper_b", "stepper_c"), "delta_radius",
     "position_endstop", "multiply its rotation_distance by that", read_config, parse_config,
-    read_geometry, lambda geometry, _: geometry, travel, _table, format_geometry,
+    read_geometry, lambda geometry, _: geometry, travel,
+    table=lambda geometry: ((name, unit_of(name), v) for name, v in geometry.named().items()),
+    text=lambda geometry, comment: config_lines(geometry.named(), comment),
     how=lambda _: (
         "Paste above the #*# lines of printer.cfg, below all other sections: there they win",
         "over earlier values, over those of included files, and over the #*# lines."),

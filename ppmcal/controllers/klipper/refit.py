@@ -14,9 +14,8 @@ import numpy as np
 import yaml
 
 from ppmcal.calibration.fit import Fit, FitOptions, Problem, identify
-from ppmcal.controllers.delta.files import machine_yaml
-from ppmcal.controllers.delta.geometry import ANGLES, MM, TOWERS, DeltaGeometry
-from ppmcal.controllers.delta.importer import touches
+from ppmcal.controllers.delta.geometry import ANGLES, MM, TOWERS, DeltaGeometry, triple, unit_of
+from ppmcal.controllers.delta.importer import DISTANCE, HEIGHT, machine_yaml, touches
 from ppmcal.controllers.delta.printer import Printer
 from ppmcal.errors import PpmcalError
 from ppmcal.io import read_mechanism
@@ -95,18 +94,16 @@ def _geometry(found: Fit) -> DeltaGeometry:
             for t, a in zip(TOWERS, arms, strict=True)]
     turned = [a + 360.0 * round((usual - a) / 360.0)
               for a, usual in zip(turns, ANGLES, strict=True)]
-    return DeltaGeometry(radius, (turned[0], turned[1], turned[2]), (arms[0], arms[1], arms[2]),
-                         (ends[0], ends[1], ends[2]))
+    return DeltaGeometry(radius, triple(turned), triple(arms), triple(ends))
 
 
 def _data(printer: Printer, mechanism: Mechanism, scale: str) -> tuple[Dataset, ...]:
     share = len(printer.distances) / (MEASURE_WEIGHT * len(printer.heights)) or 1.0
-    q = [f"q_{t}" for t in TOWERS]
-    out = [_one(mechanism, "heights", ["height", *q], printer.heights, {
+    out = [_one(mechanism, "heights", HEIGHT, printer.heights, {
         "kind": "plane", "sigma": {"height": ONE / float(np.sqrt(share))}})]
     if printer.distances:
-        out.append(_one(mechanism, "distances", ["distance", *q, *(f"to_{c}" for c in q)],
-                        printer.distances, {"kind": "distance", "sigma": {"distance": ONE}}, scale))
+        out.append(_one(mechanism, "distances", DISTANCE, printer.distances, {
+            "kind": "distance", "sigma": {"distance": ONE}}, scale))
     return tuple(out)
 
 
@@ -131,7 +128,7 @@ def differences(saved: DeltaGeometry, found: DeltaGeometry) -> dict[str, float]:
 
 def sentence(off: Mapping[str, float]) -> Note:
     """Return what the differences of saved numbers mean."""
-    words = ", ".join(f"{key} by {v:+.3f} {'deg' if key.endswith('angle') else 'mm'}"
+    words = ", ".join(f"{key} by {v:+.3f} {unit_of(key)}"
                       for key, v in sorted(off.items(), key=lambda kv: -abs(kv[1])))
     return Note(f"the saved numbers are not what these touches give with the printer's own fit: "
                 f"off are {words}. They were edited by hand, or saved with other touches")

@@ -14,13 +14,12 @@ from there (Klipper: ``rotary_delta.py``, ``kin_rotary_delta.c``). Steps are not
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.controllers.delta.geometry import DIGITS, MM, TOWERS, Triple, rounded
-from ppmcal.controllers.klipper.config import Config, config_lines, geared
+from ppmcal.controllers.delta.geometry import DIGITS, MM, TOWERS, Triple, rounded, triple
+from ppmcal.controllers.klipper.config import Config, geared
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array
 
@@ -44,15 +43,15 @@ class RotaryDelta:
         """Return what is left of it after writing and reading."""
         return rounded(self, DIGITS)
 
-    def named(self) -> Iterator[tuple[str, float]]:
-        """Yield ``section.key`` and value of each number, mm and degrees."""
-        yield "printer.shoulder_radius", self.radius
-        yield "printer.shoulder_height", self.height
+    def named(self) -> dict[str, float]:
+        """Return ``section.key`` and value of each number, mm and degrees."""
+        out = {"printer.shoulder_radius": self.radius, "printer.shoulder_height": self.height}
         for i, arm in enumerate(TOWERS):
-            yield f"stepper_{arm}.angle", self.angles[i]
-            yield f"stepper_{arm}.upper_arm_length", self.upper[i]
-            yield f"stepper_{arm}.lower_arm_length", self.lower[i]
-            yield f"stepper_{arm}.position_endstop", self.endstops[i]
+            out |= {f"stepper_{arm}.angle": self.angles[i],
+                    f"stepper_{arm}.upper_arm_length": self.upper[i],
+                    f"stepper_{arm}.lower_arm_length": self.lower[i],
+                    f"stepper_{arm}.position_endstop": self.endstops[i]}
+        return out
 
     def array(self) -> Array:
         """Return the numbers (14,) in their order."""
@@ -62,8 +61,8 @@ class RotaryDelta:
     @classmethod
     def of(cls, numbers: Array) -> RotaryDelta:
         """Return the geometry of numbers (14,)."""
-        a, b, c, d = (tuple(float(v) for v in numbers[i:i + 3]) for i in (2, 5, 8, 11))
-        return cls(float(numbers[0]), float(numbers[1]), a, b, c, d)  # type: ignore[arg-type]
+        return cls(float(numbers[0]), float(numbers[1]),
+                   *(triple(numbers[i:i + 3]) for i in (2, 5, 8, 11)))
 
 
 def is_rotary(config: Config) -> bool:
@@ -87,7 +86,7 @@ def read_rotary(config: Config) -> RotaryDelta:
         for arm, default in zip(TOWERS, usual, strict=True):
             known = out[0] if out and default is None else default
             out.append(config.number(f"stepper_{arm}", key, known, positive=positive))
-        return out[0], out[1], out[2]
+        return triple(out)
 
     delta = RotaryDelta(
         config.number("printer", "shoulder_radius", positive=True),
@@ -116,11 +115,6 @@ def read_motor_step(config: Config, arm: str) -> float:
         raise BadInput("is missing", config.at(name, "gear_ratio"),
                        "Klipper wants the teeth from motor to arm, such as `107:16, 60:16`")
     return 360.0 / geared(config, name, steps, "107:16, 60:16")
-
-
-def format_rotary(delta: RotaryDelta, comment: str = "") -> str:
-    """Return the lines to paste into a ``printer.cfg``."""
-    return config_lines(delta.named(), comment)
 
 
 def arm_angles(delta: RotaryDelta, point: Array) -> Array:

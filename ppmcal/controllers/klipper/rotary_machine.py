@@ -10,7 +10,6 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ppmcal import algebra as cga
-from ppmcal.controllers.delta.files import NOZZLE, touch_files
 from ppmcal.controllers.delta.fit import (
     ENOUGH,
     EXACT,
@@ -19,16 +18,22 @@ from ppmcal.controllers.delta.fit import (
     laid_on,
     reached_with_both,
 )
-from ppmcal.controllers.delta.geometry import MM, TOWERS
+from ppmcal.controllers.delta.geometry import MM, TOWERS, unit_of
+from ppmcal.controllers.delta.importer import NOZZLE, touch_files
 from ppmcal.controllers.delta.machine import endstop
 from ppmcal.controllers.export import Exported, NotExpressed, Number, effects_lacking, head, misread
-from ppmcal.controllers.importing import MACHINE, ImportedFiles, machine_head
-from ppmcal.controllers.klipper.config import moved, parse_config, read_config, read_touches
+from ppmcal.controllers.importing import MACHINE, Imported, machine_head
+from ppmcal.controllers.klipper.config import (
+    config_lines,
+    moved,
+    parse_config,
+    read_config,
+    read_touches,
+)
 from ppmcal.controllers.klipper.rotary import (
     KINEMATICS,
     RotaryDelta,
     endstop_angles,
-    format_rotary,
     read_motor_step,
     read_rotary,
     turns_down,
@@ -60,7 +65,7 @@ STEP = 1e-4
 # --- import ---------------------------------------------------------------------------------------
 
 
-def imported(path: Path) -> ImportedFiles:
+def imported(path: Path) -> Imported:
     """Return a rotary delta of a ``printer.cfg``, with what DELTA_CALIBRATE measured.
 
     Raises:
@@ -76,10 +81,10 @@ def imported(path: Path) -> ImportedFiles:
     findings = [] if rows else [Note(
         "the file holds no measured heights: run DELTA_CALIBRATE and SAVE_CONFIG on the printer, "
         "then import again", topic="heights")]
-    return ImportedFiles(
+    return Imported(
         texts, f"{path}: a rotary delta with {pluralize(len(rows), 'height')} and "
         f"{pluralize(len(pairs), 'distance')}.",
-        {"heights": len(rows), "distances": len(pairs), "nominal": dict(delta.named())},
+        {"heights": len(rows), "distances": len(pairs), "nominal": delta.named()},
         tuple(findings), config.files)
 
 
@@ -179,12 +184,11 @@ def export_rotary(mechanism: Mechanism, old: Path | None) -> Exported:
     both = reached_with_both(at_old, at_new, mechanism.source, "position_endstop")
     before, after = (error_summary(at[both], points[both]) for at in (at_old, at_new))
     lacks = tuple(_lacks(mechanism, after))
-    olds = dict(was.named())
+    olds = was.named()
     return Exported(
         "klipper", "Klipper", {FILE: _text(mechanism, new, before, after, lacks)},
         f"Klipper's numbers hold {'most of it, fitted' if lacks else 'all of the geometry'}",
-        tuple(Number(n, olds[n], v, "deg" if n.endswith("angle") else "mm")
-              for n, v in new.named()),
+        tuple(Number(n, olds[n], v, unit_of(n)) for n, v in new.named().items()),
         f"{int(both.sum())} points over the bed, z 0 to {1e3 * HEIGHTS[-1]:.0f} mm; offset and "
         "rotation on the bed ignored", before, after, lacks, (), (Note(
             f"Paste the lines of {FILE} into {old or 'printer.cfg'}, above its #*# lines and "
@@ -192,7 +196,7 @@ def export_rotary(mechanism: Mechanism, old: Path | None) -> Exported:
         poses=np.pad(points[both], ((0, 0), (0, 3))),
         again=following(lambda m: _errors(drive_of(m), points, exact.array()), mechanism,
                         exact.array()[FITTED], STEP * SCALES[FITTED],
-                        lambda p: dict(_filled(exact.array(), p).named())))
+                        lambda p: _filled(exact.array(), p).named()))
 
 
 def _text(mechanism: Mechanism, new: RotaryDelta, before: ErrorSummary, after: ErrorSummary,
@@ -202,7 +206,7 @@ def _text(mechanism: Mechanism, new: RotaryDelta, before: ErrorSummary, after: E
     Raises:
         NoResult: as other numbers.
     """
-    text = format_rotary(new, head(mechanism.name, before, after, lacks, how=[
+    text = config_lines(new.named(), head(mechanism.name, before, after, lacks, how=[
         "Paste above the #*# lines of printer.cfg, below all other sections: there they win."]))
     if read_rotary(parse_config(f"[printer]\nkinematics: {KINEMATICS}\n{text}", FILE)) != new:
         raise misread(FILE)

@@ -31,7 +31,6 @@ from ppmcal.controllers.delta.gcode import DIGITS, Lines, parse_lines, two_lines
 from ppmcal.controllers.delta.geometry import DeltaGeometry, Triple, rounded, triple
 from ppmcal.controllers.delta.importer import printer_importer
 from ppmcal.controllers.delta.printer import Printer, stated_nominal
-from ppmcal.controllers.export import Exported
 from ppmcal.controllers.text import read_text
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array
@@ -151,9 +150,6 @@ def delta_of(geometry: DeltaGeometry, old: MarlinDelta | None = None) -> MarlinD
     return replace(own, trims=None) if equal and old is not None and old.trims is None else own
 
 
-NAN = float("nan")
-
-
 def _table(delta: MarlinDelta) -> Iterator[tuple[str, str, float]]:
     yield "M665 L", "mm", delta.rod
     yield "M665 R", "mm", delta.radius
@@ -190,7 +186,7 @@ MARLIN = DeltaFirmware(
     "marlin", "Marlin", "marlin.g", ("X", "Y", "Z"), "delta radius R",
     "H of M665 and X, Y, Z of M666", "divide its steps per mm (M92) by that", read_lines, parse,
     read_delta, delta_of, travel, _table, format_delta, _how, _advice, _notes, codes=LETTERS,
-    bare=partial(_LEAD.sub, ""))
+    bare=partial(_LEAD.sub, ""), copy="m503.txt")
 
 
 def read_printer(path: Path, rods: float | None = None, meshes: Sequence[str] = (),
@@ -204,12 +200,8 @@ def read_printer(path: Path, rods: float | None = None, meshes: Sequence[str] = 
     nominal, findings = stated_nominal(str(path), now, now, "the report", rods, radius)
     findings.append(Note("the report holds no touches: write heights and carriages below their "
                          "endstops into a table with columns height, q_a, q_b, q_c"))
-    return Printer(str(path), now, (NAN, NAN, NAN), nominal, findings=tuple(findings))
+    return Printer(str(path), now, nominal, findings=tuple(findings))
 
 
-export, import_config = partial(export_delta, MARLIN), printer_importer(read_printer)
-
-
-def patch(exported: Exported, old: Path) -> Exported:
-    """Return the export with a copy of ``old``, :func:`patched_lines`."""
-    return patched_lines(MARLIN, exported, old, "m503.txt")
+export, patch = partial(export_delta, MARLIN), partial(patched_lines, MARLIN)
+import_config = printer_importer(read_printer)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ppmcal.controllers.export import Exported
-from ppmcal.controllers.importing import ImportedFiles
+from ppmcal.controllers.importing import Imported
 from ppmcal.controllers.maslow.reading import (
     BELTS,
     LONGEST,
@@ -159,7 +159,7 @@ CROSSED = 0.02
 and by less than half of that with two names exchanged, they are."""
 
 
-def import_config(path: Path, options: Mapping[str, Any]) -> ImportedFiles:
+def import_config(path: Path, options: Mapping[str, Any]) -> Imported:
     """Return a Maslow and its readings; see :class:`ppmcal.controllers.importing.Importer`.
 
     Raises:
@@ -183,7 +183,7 @@ def import_config(path: Path, options: Mapping[str, Any]) -> ImportedFiles:
             f"{path}: the readings suit a frame with four corners better with {exchanged} "
             "exchanged: check which belt is which"))
     counts = [len(run.joints) for run in log.runs]
-    return ImportedFiles(
+    return Imported(
         rope_files(machine, log.runs, path.name, SIGMA),
         f"{path}: a Maslow with {pluralize(len(rows), 'reading')} of its belts in "
         f"{pluralize(len(counts), 'run')}. Anchors: {origin}.",

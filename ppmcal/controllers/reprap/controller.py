@@ -13,7 +13,6 @@ from ppmcal.controllers.delta.fit import export_delta
 from ppmcal.controllers.delta.gcode import Lines
 from ppmcal.controllers.delta.geometry import DeltaGeometry
 from ppmcal.controllers.delta.importer import printer_importer
-from ppmcal.controllers.export import Exported
 from ppmcal.controllers.reprap.reading import (
     LETTERS,
     Delta,
@@ -91,10 +90,7 @@ def _advice(found: DeltaFit[Delta], old: Path | None, config: Lines | None) -> I
 REPRAP = DeltaFirmware(
     "reprap", "RepRapFirmware", "reprap.g", ("X", "Y", "Z"), "delta radius R",
     "H of M665 and X, Y, Z of M666", "divide its steps per mm (M92) by that", read_lines,
-    parse, read_delta, _of, travel, _table, format_delta, _how, _advice, _notes, codes=LETTERS)
-export, import_config = partial(export_delta, REPRAP), printer_importer(read_printer)
-
-
-def patch(exported: Exported, old: Path) -> Exported:
-    """Return the export with a copy of ``old``, :func:`patched_lines`."""
-    return patched_lines(REPRAP, exported, old, "config.g")
+    parse, read_delta, _of, travel, _table, format_delta, _how, _advice, _notes, codes=LETTERS,
+    copy="config.g")
+export, patch = partial(export_delta, REPRAP), partial(patched_lines, REPRAP)
+import_config = printer_importer(read_printer)

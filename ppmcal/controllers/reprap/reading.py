@@ -198,8 +198,7 @@ def read_printer(path: str | os.PathLike[str], rods: float | None = None,
         findings.append(Note("the file holds no touches: give the map that G29 wrote with --mesh "
                              "heightmap.csv"))
     findings += [f for bed in beds for f in bed.findings]
-    return Printer(str(path), now, (np.nan, np.nan, np.nan), nominal, active != delta, meshes=beds,
-                   findings=tuple(findings))
+    return Printer(str(path), now, nominal, active != delta, meshes=beds, findings=tuple(findings))
 
 
 def _active(path: Path, lines: Lines, delta: Delta) -> tuple[Delta, list[Note]]:
