@@ -164,10 +164,22 @@ def head(name: str, before: ErrorSummary, after: ErrorSummary, lacks: Iterable[N
         *(f"Note: {note}." for note in notes)])
 
 
+def refuse(given: Path | None, option: str, why: str, hint: str = "Leave it out") -> None:
+    """Refuse an option that a format has no use for (BadInput)."""
+    if given is not None:
+        raise BadInput(why, option, hint)
+
+
 def refuse_poses(controller: str, poses: Path | None) -> None:
     """Refuse poses for a controller that takes none (BadInput)."""
-    if poses is not None:
-        raise BadInput(f"{controller} takes numbers, not poses", "--poses", "Leave it out")
+    refuse(poses, "--poses", f"{controller} takes numbers, not poses")
+
+
+def other_machine(mechanism: Mechanism, hint: str) -> BadInput:
+    """Return the error of a machine that a controller does not drive."""
+    return BadInput(f"the machine is {mechanism.motion} with limbs "
+                    f"{', '.join(limb.kind.name for limb in mechanism.limbs)}", mechanism.source,
+                    hint)
 
 
 def misread(place: str, what: str = "the lines read back as other numbers", use: str = "them"

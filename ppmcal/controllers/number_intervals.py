@@ -16,8 +16,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import least_squares
 
 from ppmcal.calibration.fit import Z95
 from ppmcal.controllers.export import Again, Exported, Number
@@ -25,7 +28,7 @@ from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.knowledge import KNOWLEDGE, knowledge_of, read_identification
 from ppmcal.io.results.own_calibration import of_other_values
 from ppmcal.io.results.units import column_factor
-from ppmcal.linalg import Array, pinv
+from ppmcal.linalg import Array, guarded, pinv
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import stage
 
@@ -103,6 +106,19 @@ def _slopes(numbers: tuple[Number, ...], again: Again, mechanism: Mechanism, nam
                 ends.append([found.get(n.name, np.nan) for n in numbers])
             out[:, c] = (np.array(ends[0]) - np.array(ends[1])) / (2.0 * step)
     return out
+
+
+def fitted(errors: Callable[[Array], Array], start: Array, what: str, most: int,
+           slopes: Any = "2-point", scale: ArrayLike = 1.0, tight: float = 1e-12) -> Array:
+    """Return the numbers (P,) with the smallest squared errors (n,), from ``start`` on.
+
+    ``what``: they are, for messages; ``most``: how often errors are worked out; ``slopes``: their
+    derivative (n, P); ``scale``: of the numbers (P,); ``tight``: relative change that is the last.
+    """
+    with guarded(what):
+        found = least_squares(errors, start, slopes, x_scale=scale, xtol=tight, ftol=tight,
+                              gtol=tight, max_nfev=most)
+    return np.asarray(found.x)
 
 
 def following(errors: Callable[[Mechanism], Callable[[Array], Array]], mechanism: Mechanism,

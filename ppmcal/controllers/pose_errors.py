@@ -12,7 +12,7 @@ from ppmcal.errors import NoResult
 from ppmcal.io.results.export import CommandErrors
 from ppmcal.io.results.parts import ErrorSize
 from ppmcal.kinematics.registration import measured_pose
-from ppmcal.linalg import Array, finite_rows
+from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 
@@ -117,6 +117,13 @@ def next_to_none(mechanism: Mechanism) -> NoResult:
     """Return the error of a machine of which hardly a pose is within its limits."""
     return NoResult("the machine takes next to no pose around home within its limits",
                     mechanism.source, "Check `home` and `limits`")
+
+
+def within_limits(mechanism: Mechanism, q: Array) -> Bools:
+    """Return which joint values (N, k) are within the limits (N,)."""
+    low, high = mechanism.limits.T
+    with np.errstate(invalid="ignore"):
+        return np.all((q >= low) & (q <= high), axis=1)
 
 
 def rms(values: Array) -> float:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
+from typing import Any, TypeVar
 
 from ppmcal.errors import BadInput
 from ppmcal.limits import CONFIG_BYTES, Limit
@@ -12,6 +14,7 @@ from ppmcal.store.inputs import read_bytes
 
 NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 DECIMAL = re.compile(NUMBER, re.ASCII)
+Numbers = TypeVar("Numbers")
 
 
 def read_text(path: str | os.PathLike[str], hint: str = "", limit: Limit = CONFIG_BYTES) -> str:
@@ -47,3 +50,13 @@ def exact_text(path: Path) -> str:
 def commented(text: str, sign: str = "#") -> list[str]:
     """Return the lines of a text as comments."""
     return [f"{sign} {line}".rstrip() for line in text.splitlines()]
+
+
+def rounded(numbers: Numbers, digits: int) -> Numbers:
+    """Return a dataclass of numbers and tuples with so many decimals; no zero is negative."""
+    def cut(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return tuple(map(cut, value))
+        return round(value, digits) + 0.0 if isinstance(value, int | float) else value
+
+    return replace(numbers, **{k: cut(v) for k, v in vars(numbers).items()})  # type: ignore[type-var]

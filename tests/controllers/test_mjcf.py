@@ -27,7 +27,7 @@ from helpers.paths import ROOT
 from ppmcal import export
 from ppmcal.controllers.mjcf import controller
 from ppmcal.controllers.mjcf.arithmetic import read
-from ppmcal.controllers.mjcf.controller import BodyModel
+from ppmcal.controllers.mjcf.controller import bodies_at_home
 from ppmcal.controllers.mjcf.limbs import PASSIVE, parts_of
 from ppmcal.controllers.mjcf.writer import text
 from ppmcal.errors import BadInput, NoResult
@@ -61,8 +61,7 @@ def bodies(machine, count):
     q, pose = spread(model, count)
     if machine.surplus:     # joint values of their own contradict each other there
         q = inverse(model, pose).q
-    at = BodyModel.of(machine)
-    world = Bodies(text(machine, at.pose, at.home))
+    world = Bodies(text(machine, *bodies_at_home(machine)))
     assert world.names() == list(machine.actuators)
     return world, q, *matrices(pose)
 
@@ -196,7 +195,7 @@ def test_what_is_refused(tmp_path, monkeypatch):
         [n == "leg1.joint1.rx" for n in machine.names]))
     if "leg1.joint1.rx" in machine.names:
         with pytest.raises(BadInput, match="out of the plane"):
-            BodyModel.of(tilted)
+            bodies_at_home(tilted)
     values = {**Model(machine).limb_values[0], "joint1.rx": 1e-3}
     with pytest.raises(BadInput, match="out of the plane"):
         parts_of(machine.limbs[0].kind, values)
@@ -220,4 +219,4 @@ def test_a_home_off_the_limbs_surfaces_is_refused(monkeypatch):
     machine = read_text(case)
     monkeypatch.setattr(controller, "ALIKE", 0.0)
     with pytest.raises(NoResult, match="the joints of limb 'leg1' do not close at home"):
-        BodyModel.of(machine)
+        bodies_at_home(machine)

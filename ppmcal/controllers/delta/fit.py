@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from ppmcal.controllers.delta.firmware import DeltaFirmware, DeltaFit, DeltaNumbers
 from ppmcal.controllers.delta.geometry import MM, DeltaGeometry, travel, triple
@@ -37,10 +36,10 @@ from ppmcal.controllers.export import (
     offset_words,
     refuse_poses,
 )
-from ppmcal.controllers.number_intervals import following
+from ppmcal.controllers.number_intervals import fitted, following
 from ppmcal.controllers.pose_errors import ErrorSummary, PlanarMotion, rms
 from ppmcal.errors import NoResult
-from ppmcal.linalg import Array, Bools, finite_rows, guarded
+from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import NOTE, Note
 
@@ -164,11 +163,8 @@ def _best(drive: DeltaDrive, start: DeltaGeometry, points: Array) -> DeltaGeomet
             columns.append((ends[0] - ends[1]) / (2.0 * STEP))
         return np.nan_to_num(np.stack(columns, axis=-1))
 
-    with guarded("the numbers for the firmware"):
-        found = least_squares(_errors(drive, points), _numbers(start), slopes,
-                              x_scale=np.array([1.0, 0.3, 0.3, *[1.0] * 6]),
-                              xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=60)
-    return _geometry(found.x)
+    return _geometry(fitted(_errors(drive, points), _numbers(start), "the numbers for the firmware",
+                            60, slopes, np.array([1.0, 0.3, 0.3, *[1.0] * 6])))
 
 
 def _geometry(p: Array) -> DeltaGeometry:

@@ -12,12 +12,12 @@ RepRapFirmware counts some from elsewhere. Steps are not rounded.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain
-from typing import Any, TypeVar
 
 import numpy as np
 
+from ppmcal.controllers.text import rounded
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array
 
@@ -33,7 +33,6 @@ KEYS = ("printer.delta_radius", *(f"stepper_{tower}.{key}" for tower in TOWERS
         for key in ("angle", "arm_length", "position_endstop")))
 """``section.key`` of a printer.cfg for every number of a delta's geometry."""
 Triple = tuple[float, float, float]
-Numbers = TypeVar("Numbers")
 
 
 @dataclass(frozen=True)
@@ -63,16 +62,6 @@ class DeltaGeometry:
 def tower_angles(turns: Triple) -> Triple:
     """Return the angles of towers that stand so far from :data:`ANGLES`, degrees."""
     return triple(np.add(ANGLES, turns))
-
-
-def rounded(numbers: Numbers, digits: int) -> Numbers:
-    """Return a dataclass of numbers and triples with so many decimals; no zero is negative."""
-    def cut(value: Any) -> Any:
-        if isinstance(value, tuple):
-            return tuple(map(cut, value))
-        return None if value is None else round(value, digits) + 0.0
-
-    return replace(numbers, **{k: cut(v) for k, v in vars(numbers).items()})  # type: ignore[type-var]
 
 
 def unit_of(key: str) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal import linalg
 from ppmcal.controllers.delta.geometry import MM, TOWERS, DeltaGeometry, travel, triple
+from ppmcal.controllers.export import other_machine
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
@@ -60,9 +61,8 @@ def drive_of(mechanism: Mechanism) -> DeltaDrive:
     kinds = {limb.kind.name for limb in limbs}
     if (mechanism.motion.turns or kinds != {PUS.name} or len(limbs) != 3
             or len(mechanism.actuators) != 3):
-        raise BadInput(f"the machine is {mechanism.motion} with limbs "
-                       f"{', '.join(limb.kind.name for limb in limbs)}", mechanism.source,
-                       f"A linear delta has three limbs {PUS.name} with `motion: translational`")
+        raise other_machine(mechanism, f"A linear delta has three limbs {PUS.name} with "
+                            "`motion: translational`")
     towers = _towers(mechanism)
     zero, scale = np.zeros(3), np.zeros(3)
     nominal = mechanism.nominals

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.controllers.export import Exported, NotExpressed, effect_lacking, misread
+from ppmcal.controllers.export import Exported, NotExpressed, effect_lacking, misread, refuse
 from ppmcal.controllers.pose_grid import (
     BETWEEN,
     Corrected,
@@ -19,7 +19,7 @@ from ppmcal.controllers.pose_grid import (
     errors_between_poses,
     instrument_notes,
 )
-from ppmcal.errors import BadInput, NoResult
+from ppmcal.errors import NoResult
 from ppmcal.io import csv_text, read_poses
 from ppmcal.io.results.tables import joint_columns, pose_columns, unit_map
 from ppmcal.kinematics.region import Grid, named
@@ -34,9 +34,8 @@ SEED = 1
 
 def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
     """Return the machine as a table of poses; see :class:`ppmcal.controllers.export.Exporter`."""
-    if old is not None:
-        raise BadInput("a grid of poses is compared with the nominal geometry, not with another "
-                       "grid", "--old", "Leave it out")
+    refuse(old, "--old", "a grid of poses is compared with the nominal geometry, not with another "
+           "grid")
     grid, further = None, []
     if poses is None:
         grid = default_grid(mechanism)

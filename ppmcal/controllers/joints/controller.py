@@ -8,7 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ppmcal.controllers.export import Exported, NotExpressed, Number, effect_lacking, misread
+from ppmcal.controllers.export import (
+    Exported,
+    NotExpressed,
+    Number,
+    effect_lacking,
+    misread,
+    refuse,
+)
 from ppmcal.controllers.joints.file import MOST, format_triplets, parse_triplets
 from ppmcal.controllers.joints.tables import (
     CorrectionTable,
@@ -21,7 +28,6 @@ from ppmcal.controllers.joints.tables import (
 )
 from ppmcal.controllers.pose_errors import ErrorSummary, pose_errors
 from ppmcal.controllers.pose_grid import at_rest, completed_poses, default_grid, instrument_notes
-from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.partial_pose import inverse_partial, pose_motor
@@ -36,12 +42,10 @@ MOST_TRIED = 500
 
 def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
     """Return the machine's joints as tables; see :class:`ppmcal.controllers.export.Exporter`."""
-    if old is not None:
-        raise BadInput("joint tables replace the present ones, whatever they hold", "--old",
-                       "Leave it out; measure with the present tables switched off")
-    if poses is not None:
-        raise BadInput("joint tables go along the joints, not over poses", "--poses",
-                       "Leave it out, or export `grid`")
+    refuse(old, "--old", "joint tables replace the present ones, whatever they hold",
+           "Leave it out; measure with the present tables switched off")
+    refuse(poses, "--poses", "joint tables go along the joints, not over poses",
+           "Leave it out, or export `grid`")
     tables = joint_tables(mechanism)
     trial = trial_commands(mechanism, SEED)
     after = predicted_errors(mechanism, trial, tables)

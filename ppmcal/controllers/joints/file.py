@@ -17,7 +17,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ppmcal.controllers.text import DECIMAL
+from ppmcal.controllers.text import DECIMAL, rounded
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array
 
@@ -40,10 +40,7 @@ class Triplets:
 
     def rounded(self) -> Triplets:
         """Return what is left of it after writing and reading."""
-        def cut(values: Numbers) -> Numbers:
-            return tuple(round(v, DIGITS) + 0.0 for v in values)
-
-        return Triplets(cut(self.nominal), cut(self.forward), cut(self.reverse))
+        return rounded(self, DIGITS)
 
 
 def format_triplets(table: Triplets) -> str:

@@ -18,8 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.controllers.delta.geometry import DIGITS, MM, TOWERS, Triple, rounded, triple
+from ppmcal.controllers.delta.geometry import DIGITS, MM, TOWERS, Triple, triple
 from ppmcal.controllers.klipper.config import Config, geared
+from ppmcal.controllers.text import rounded
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from ppmcal import algebra as cga
 from ppmcal.controllers.delta.fit import (
@@ -38,12 +37,12 @@ from ppmcal.controllers.klipper.rotary import (
     read_rotary,
     turns_down,
 )
-from ppmcal.controllers.number_intervals import following
+from ppmcal.controllers.number_intervals import fitted, following
 from ppmcal.controllers.pose_errors import ErrorSummary
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
-from ppmcal.linalg import Array, finite_rows, guarded
+from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.limbs.spatial import RUS
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import NOTE, Note
@@ -265,10 +264,8 @@ def _best(drive: RotaryDrive, points: Array) -> RotaryDelta:
     if error_summary(drive.reached(start, points), points).max < EXACT:
         return start
     whole = start.array()
-    with guarded("the numbers for the firmware"):
-        found = least_squares(_errors(drive, points, whole), whole[FITTED], x_scale=SCALES[FITTED],
-                              xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=40)
-    return _filled(whole, found.x)
+    return _filled(whole, fitted(_errors(drive, points, whole), whole[FITTED],
+                                 "the numbers for the firmware", 40, scale=SCALES[FITTED]))
 
 
 def _filled(whole: Array, own: Array) -> RotaryDelta:

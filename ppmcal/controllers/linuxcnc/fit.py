@@ -25,14 +25,14 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from ppmcal import algebra as cga
 from ppmcal import linalg
+from ppmcal.controllers.export import other_machine
 from ppmcal.controllers.linuxcnc import is_hexapod
 from ppmcal.controllers.linuxcnc.hal import STRUTS, HexapodGeometry, Joint, Points
-from ppmcal.controllers.pose_errors import ErrorSummary, pose_errors
-from ppmcal.errors import BadInput
+from ppmcal.controllers.number_intervals import fitted
+from ppmcal.controllers.pose_errors import ErrorSummary, pose_errors, within_limits
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
@@ -138,11 +138,10 @@ def legs_of(mechanism: Mechanism) -> Legs:
     """
     limbs = mechanism.limbs
     if not is_hexapod(mechanism):
-        raise BadInput(f"the machine is {mechanism.motion} with limbs "
-                       f"{', '.join(limb.kind.name for limb in limbs)}", mechanism.source,
-                       f"genhexkins takes six limbs {UPS.name} with `motion: spatial`, each "
-                       "with its own actuator, pentakins five that end on rings about the "
-                       "platform's z axis; genserkins is for serial arms, which no machine here is")
+        raise other_machine(
+            mechanism, f"genhexkins takes six limbs {UPS.name} with `motion: spatial`, each with "
+            "its own actuator, pentakins five that end on rings about the platform's z axis; "
+            "genserkins is for serial arms, which no machine here is")
     model = Model(mechanism)
     rows = []
     for i, limb in enumerate(limbs):
@@ -250,9 +249,7 @@ def within(mechanism: Mechanism, pose: Array) -> NDArray[np.bool_]:
     From home without a singularity on the way, so that its joint values do lead there.
     """
     q = inverse(Model(mechanism), pose).q
-    with np.errstate(invalid="ignore"):
-        inside = np.all((q >= mechanism.limits[:, 0]) & (q <= mechanism.limits[:, 1]), axis=1)
-    good: NDArray[np.bool_] = finite_rows(q) & inside
+    good = finite_rows(q) & within_limits(mechanism, q)
     rows = np.flatnonzero(good)
     back = forward(Model(mechanism), q[rows]).pose
     away = np.linalg.norm(cga.translation(back) - cga.translation(pose[rows]), axis=1)
@@ -291,9 +288,7 @@ def best(drive: LinuxcncDrive, start: GenhexkinsSetting, pose: Array) -> Genhexk
     fit, unit = _Fit(drive, right_shift(drive, start.stretch), pose), drive.unit
     first = np.concatenate([drive.legs.base.ravel(), drive.legs.platform.ravel(),
                             start.shift * unit, np.ones(STRUTS)])
-    with linalg.guarded("the numbers for genhexkins"):
-        p = least_squares(fit.errors, first, fit.slopes, xtol=1e-14, ftol=1e-14, gtol=1e-14,
-                          max_nfev=60).x
+    p = fitted(fit.errors, first, "the numbers for genhexkins", 60, fit.slopes, tight=1e-14)
     found = replace(start.geometry, base=points(p[:18].reshape(6, 3) / unit),
                     platform=points(p[18:36].reshape(6, 3) / unit))
     return GenhexkinsSetting(found, start.stretch / p[42:], p[36:42] / unit)

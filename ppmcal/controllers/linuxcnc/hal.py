@@ -17,7 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from textwrap import wrap
 
-from ppmcal.controllers.text import DECIMAL, read_text
+from ppmcal.controllers.text import DECIMAL, read_text, rounded
 from ppmcal.errors import BadInput
 
 STRUTS = 6
@@ -65,16 +65,8 @@ class HexapodGeometry:
 
     def rounded(self) -> HexapodGeometry:
         """Return what is left of it after writing and reading."""
-        def cut(points: Points) -> Points:
-            return tuple((round(x, DIGITS) + 0.0, round(y, DIGITS) + 0.0, round(z, DIGITS) + 0.0)
-                         for x, y, z in points)
-
-        return replace(
-            self, base=cut(self.base), platform=cut(self.platform), base_n=cut(self.base_n),
-            platform_n=cut(self.platform_n), screw_lead=round(self.screw_lead, DIGITS),
-            spindle_offset=round(self.spindle_offset, DIGITS),
-            tool_offset=round(self.tool_offset, DIGITS),
-            iteration=tuple((name, float(f"{v:.12g}")) for name, v in self.iteration))
+        return replace(rounded(self, DIGITS), iteration=tuple(
+            (name, float(f"{v:.12g}")) for name, v in self.iteration))
 
 
 @dataclass(frozen=True)
@@ -93,8 +85,7 @@ class Joint:
 
     def rounded(self) -> Joint:
         """Return what is left of it after writing and reading."""
-        return Joint(round(self.home, DIGITS), round(self.stretch, FACTOR_DIGITS),
-                     round(self.shift, DIGITS) + 0.0)
+        return replace(rounded(self, DIGITS), stretch=round(self.stretch, FACTOR_DIGITS))
 
 
 @dataclass(frozen=True)

@@ -18,18 +18,25 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from ppmcal import algebra as cga
-from ppmcal.controllers.export import Exported, NotExpressed, Number, effects_lacking, head, misread
+from ppmcal.controllers.export import (
+    Exported,
+    NotExpressed,
+    Number,
+    effects_lacking,
+    head,
+    misread,
+    refuse,
+)
 from ppmcal.controllers.linuxcnc.hal import DIGITS, Joint, format_joints, parse_joints
-from ppmcal.controllers.number_intervals import following
-from ppmcal.controllers.pose_errors import next_to_none, pose_errors
+from ppmcal.controllers.number_intervals import fitted, following
+from ppmcal.controllers.pose_errors import next_to_none, pose_errors, within_limits
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.partial_pose import inverse_partial, pose_vector
-from ppmcal.linalg import Array, finite_rows, guarded
+from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.limbs.spatial import UPS
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import NOTE, Note
@@ -113,10 +120,9 @@ def export_pentapod(mechanism: Mechanism, old: Path | None, poses: Path | None) 
         BadInput: an option without use.
         NoResult: it takes next to no pose, or the lines read back as others.
     """
-    for given, name in ((old, "--old"), (poses, "--poses")):
-        if given is not None:
-            raise BadInput("pentakins' numbers are compared with the nominal ones, over poses "
-                           "about home", name, "Leave it out")
+    for given, option in ((old, "--old"), (poses, "--poses")):
+        refuse(given, option, "pentakins' numbers are compared with the nominal ones, over poses "
+               "about home")
     bare = replace(mechanism, effects=())
     wanted = _poses(bare)
     exact, held = _fitted(bare, wanted)
@@ -167,10 +173,7 @@ def _poses(mechanism: Mechanism) -> Array:
     asked = mechanism.home_pose + spread
     asked[:, 5] = np.nan
     found = inverse_partial(Model(mechanism), asked)
-    low, high = mechanism.limits.T
-    with np.errstate(invalid="ignore"):
-        inside = np.all((found.q >= low) & (found.q <= high), axis=1)
-    good = finite_rows(found.pose) & inside
+    good = finite_rows(found.pose) & within_limits(mechanism, found.q)
     if good.sum() < ENOUGH:
         raise next_to_none(mechanism)
     return np.asarray(found.pose[good])
@@ -210,9 +213,8 @@ def _fitted(mechanism: Mechanism, wanted: Array) -> tuple[PentapodSetting, bool]
             rows[n] = p[:NUMBERS]
             return np.asarray((strut_lengths(rows, wanted)[:, n] - p[NUMBERS] - true[:, n]) / UNIT)
 
-        with guarded("the numbers for pentakins"):
-            p = least_squares(errors, [*numbers[n], 0.0], xtol=1e-14, ftol=1e-14, gtol=1e-14,
-                              max_nfev=60).x
+        p = fitted(errors, np.array([*numbers[n], 0.0]), "the numbers for pentakins", 60,
+                   tight=1e-14)
         numbers[n], shift[n] = p[:NUMBERS], start.shift[n] + p[NUMBERS]
     return PentapodSetting(numbers, start.stretch, shift), False
 

@@ -28,10 +28,10 @@ from ppmcal.controllers.delta import geometry as delta_geometry
 from ppmcal.controllers.delta.firmware import DeltaFirmware, DeltaFit, patched_lines
 from ppmcal.controllers.delta.fit import export_delta
 from ppmcal.controllers.delta.gcode import DIGITS, Lines, parse_lines, two_lines, words
-from ppmcal.controllers.delta.geometry import DeltaGeometry, Triple, rounded, triple
+from ppmcal.controllers.delta.geometry import DeltaGeometry, Triple, triple
 from ppmcal.controllers.delta.importer import printer_importer
 from ppmcal.controllers.delta.printer import Printer, stated_nominal
-from ppmcal.controllers.text import read_text
+from ppmcal.controllers.text import read_text, rounded
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array
 from ppmcal.notes import NOTE, Note

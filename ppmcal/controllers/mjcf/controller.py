@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.controllers.export import Exported, NotExpressed, Number, effect_lacking
+from ppmcal.controllers.export import Exported, NotExpressed, Number, effect_lacking, refuse
 from ppmcal.controllers.mjcf.arithmetic import (
     Tree,
     TreeState,
@@ -21,9 +21,9 @@ from ppmcal.controllers.mjcf.arithmetic import (
     read,
 )
 from ppmcal.controllers.mjcf.writer import PLATFORM, SITE, Home, limb_parts, text
-from ppmcal.controllers.pose_errors import ErrorSummary, pose_errors, takes_none
+from ppmcal.controllers.pose_errors import ErrorSummary, pose_errors, takes_none, within_limits
 from ppmcal.controllers.pose_grid import at_rest, default_grid, instrument_notes
-from ppmcal.errors import BadInput, NoResult
+from ppmcal.errors import NoResult
 from ppmcal.io import read_poses
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reached_poses
@@ -46,22 +46,21 @@ ALIKE = 1e-9
 
 def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
     """Return the machine as a MuJoCo model; see :class:`ppmcal.controllers.export.Exporter`."""
-    if old is not None:
-        raise BadInput("a model of bodies is compared with the nominal geometry, not with another "
-                       "model", "--old", "Leave it out")
+    refuse(old, "--old", "a model of bodies is compared with the nominal geometry, not with "
+           "another model")
     bare = replace(mechanism, effects=())
     if poses is None:
         wanted = default_grid(mechanism).poses(mechanism)
         wanted = wanted[:: 1 + len(wanted) // MOST]
     else:
         wanted = read_poses(poses, mechanism).poses
-    body = BodyModel.of(bare)
+    at_home, home = bodies_at_home(bare)
     driven_to = _way(bare, wanted)
     if not len(driven_to.q[-1]):
         raise takes_none(mechanism)
     lacks = tuple(_not_expressed(mechanism, driven_to))
     notes = (*_notes(mechanism), *instrument_notes(mechanism))
-    content = text(bare, body.pose, body.home, "\n".join(_comment(mechanism, lacks, notes)))
+    content = text(bare, at_home, home, "\n".join(_comment(mechanism, lacks, notes)))
     reached = _read_back(bare, read(content), driven_to)
     q = driven_to.q[-1]
     was = forward(Model(mechanism.nominal()), q).pose
@@ -75,34 +74,26 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         again=lambda m: {p.name: float(p.value) for p in m.parameters})
 
 
-@dataclass(frozen=True, eq=False)
-class BodyModel:
-    """Where the bodies of a machine stand at home: the platform's motor (8,), and each joint."""
+def bodies_at_home(mechanism: Mechanism) -> tuple[Array, Home]:
+    """Return where bodies stand at home: the platform's motor (8,), and each joint.
 
-    pose: Array
-    home: Home
-
-    @classmethod
-    def of(cls, mechanism: Mechanism) -> BodyModel:
-        """Return a machine put together at its home.
-
-        Raises:
-            NoResult: the joints of a limb do not close.
-        """
-        q = home_state(mechanism).q[None]
-        model = Model(mechanism)
-        pose = forward(model, q).pose[0]
-        home: dict[str, object] = {}
-        for index, limb in enumerate(mechanism.limbs):
-            tree = read(text(mechanism, pose, {}, only=[index]))
-            own = [n for n, joint in tree.joints.items() if tree.names[joint.body] != PLATFORM]
-            if not own:
-                continue
-            if limb.driven:
-                home[limb.name] = float(model.joint_coordinate(index, q)[0])
-            state = _assembled(tree, own, home.get(limb.name), limb.name, mechanism)
-            home |= {n: state.values[n][0] for n in own if n not in home}
-        return cls(pose, home)
+    Raises:
+        NoResult: the joints of a limb do not close.
+    """
+    q = home_state(mechanism).q[None]
+    model = Model(mechanism)
+    pose = forward(model, q).pose[0]
+    home: dict[str, object] = {}
+    for index, limb in enumerate(mechanism.limbs):
+        tree = read(text(mechanism, pose, {}, only=[index]))
+        own = [n for n, joint in tree.joints.items() if tree.names[joint.body] != PLATFORM]
+        if not own:
+            continue
+        if limb.driven:
+            home[limb.name] = float(model.joint_coordinate(index, q)[0])
+        state = _assembled(tree, own, home.get(limb.name), limb.name, mechanism)
+        home |= {n: state.values[n][0] for n in own if n not in home}
+    return pose, home
 
 
 def _assembled(tree: Tree, own: Sequence[str], u: object, name: str, mechanism: Mechanism
@@ -161,9 +152,7 @@ def _way(mechanism: Mechanism, wanted: Array) -> _Way:
     if good.any():
         pose[good] = forward(Model(mechanism), found[-1].q[good], found[-1].pose[good],
                              found[-1].q[good]).pose
-    low, high = mechanism.limits.T
-    with np.errstate(invalid="ignore"):
-        good &= finite_rows(pose) & np.all((found[-1].q >= low) & (found[-1].q <= high), axis=1)
+    good &= finite_rows(pose) & within_limits(mechanism, found[-1].q)
     return _Way(wanted[good], [f.q[good] for f in found], pose[good])
 
 

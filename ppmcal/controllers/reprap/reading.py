@@ -37,9 +37,9 @@ import numpy as np
 
 from ppmcal.controllers.delta import geometry as delta_geometry
 from ppmcal.controllers.delta.gcode import DIGITS, Lines, parse_lines, two_lines, words
-from ppmcal.controllers.delta.geometry import MM, DeltaGeometry, Triple, rounded, triple
+from ppmcal.controllers.delta.geometry import MM, DeltaGeometry, Triple, triple
 from ppmcal.controllers.delta.printer import Mesh, Printer, in_rows, mesh_of, stated_nominal
-from ppmcal.controllers.text import read_text
+from ppmcal.controllers.text import read_text, rounded
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array
 from ppmcal.notes import Note

@@ -16,7 +16,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from ppmcal import algebra as cga
 from ppmcal.controllers.export import (
@@ -26,10 +25,12 @@ from ppmcal.controllers.export import (
     effects_lacking,
     head,
     misread,
+    other_machine,
+    refuse,
 )
 from ppmcal.controllers.klipper.rotary import RotaryDelta, arm_angles
 from ppmcal.controllers.klipper.rotary_machine import is_rotary_delta
-from ppmcal.controllers.number_intervals import following
+from ppmcal.controllers.number_intervals import fitted, following
 from ppmcal.controllers.pose_errors import ErrorSummary, pose_errors
 from ppmcal.controllers.pose_grid import default_grid, instrument_notes
 from ppmcal.controllers.text import commented
@@ -37,7 +38,7 @@ from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.partial_pose import inverse_partial
-from ppmcal.linalg import Array, finite_rows, guarded
+from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.limbs.spatial import RUS
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import NOTE, Note
@@ -55,10 +56,9 @@ _LINE = re.compile(r"^([A-Za-z][^=#\n]*?) = (\S+) (mm|deg)$", re.MULTILINE)
 
 def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
     """Return a rotary delta as parameters; see :class:`ppmcal.controllers.export.Exporter`."""
-    for given, name in ((old, "--old"), (poses, "--poses")):
-        if given is not None:
-            raise BadInput("TwinCAT's parameters are compared with the nominal ones, over the "
-                           "workspace", name, "Leave it out")
+    for given, option in ((old, "--old"), (poses, "--poses")):
+        refuse(given, option, "TwinCAT's parameters are compared with the nominal ones, over the "
+               "workspace")
     turns = _arms(mechanism)
     bare = replace(mechanism, effects=())
     wanted = default_grid(bare).poses(bare)
@@ -105,10 +105,8 @@ def _arms(mechanism: Mechanism) -> Array:
         BadInput: no rotary delta whose arms are 120 degrees apart and level at u = 0.
     """
     if not is_rotary_delta(mechanism):
-        raise BadInput(f"the machine is {mechanism.motion} with limbs "
-                       f"{', '.join(limb.kind.name for limb in mechanism.limbs)}",
-                       mechanism.source, f"3D-Delta Type 1 has three limbs {RUS.name} with "
-                       "`motion: translational`")
+        raise other_machine(mechanism, f"3D-Delta Type 1 has three limbs {RUS.name} with "
+                            "`motion: translational`")
     zero = np.array([limb.constants["base.zero"] for limb in mechanism.limbs])
     turns = np.degrees(np.arctan2(zero[:, 1], zero[:, 0]))
     apart = np.sort((turns - turns[0]) % 360.0) - [0.0, 120.0, 240.0]
@@ -163,11 +161,8 @@ def _best(mechanism: Mechanism, turns: Array, pose: Array) -> Array:
     numbers[3] = _read_off(mechanism.nominal(), mechanism)[3]
     if _errors(mechanism, turns, numbers, pose).max < EXACT:
         return numbers
-    with guarded("the parameters for TwinCAT"):
-        found = least_squares(
-            _misses(mechanism, turns, numbers, pose), numbers[FITTED], x_scale=SCALES, xtol=1e-12,
-            ftol=1e-12, gtol=1e-12, max_nfev=40).x
-    return _filled(numbers, found)
+    return _filled(numbers, fitted(_misses(mechanism, turns, numbers, pose), numbers[FITTED],
+                                   "the parameters for TwinCAT", 40, scale=SCALES))
 
 
 def _filled(numbers: Array, own: Array) -> Array:
