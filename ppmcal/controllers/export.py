@@ -160,8 +160,13 @@ def head(name: str, before: ErrorSummary, after: ErrorSummary, lacks: Iterable[N
     """Return the comment at the head of a file: errors, how to use it, what it lacks, notes."""
     return "\n".join([
         f"{name}: error if the model is exact {after.words()}, before {before.words()}.", *how,
-        *(f"Cannot be expressed: {one.what}." for one in lacks),
-        *(f"Note: {note}." for note in notes)])
+        *remarks(lacks, notes)])
+
+
+def remarks(lacks: Iterable[NotExpressed], notes: Iterable[Note]) -> Iterator[str]:
+    """Yield what a file lacks and the notes, as lines of the comment at its head."""
+    yield from (f"Cannot be expressed: {one.what}." for one in lacks)
+    yield from (f"Note: {note}." for note in notes)
 
 
 def refuse(given: Path | None, option: str, why: str, hint: str = "Leave it out") -> None:

@@ -185,28 +185,33 @@ def errors_between_poses(mechanism: Mechanism, grid: Grid, found: Corrected, see
     wanted = placed(mechanism, grid.coordinates, values)
     correction = interpolated(grid, found, values)[:, list(grid.coordinates)]
     full = completed_poses(mechanism, wanted)
-    rest = at_rest(mechanism, len(wanted))
     asked = placed(mechanism, grid.coordinates, values + correction)
-    after = driven(mechanism, np.where(finite_rows(correction)[:, None], asked, np.nan), rest)
-    before = driven(mechanism, wanted, rest)
-    both = finite_rows(after) & finite_rows(before) & finite_rows(full)
-    if both.sum() < ENOUGH:
-        raise NoResult("hardly any cell of the grid has commands at all its corners",
-                       mechanism.source, "Check `limits`, or give the poses with --poses")
-    return (pose_errors(mechanism, before[both], pose_motor(full[both])),
-            pose_errors(mechanism, after[both], pose_motor(full[both])))
+    asked[~finite_rows(correction)] = np.nan
+    return _compared(mechanism, full, wanted, asked, ENOUGH)
 
 
 @stage("predicting errors of the grid")
 def errors_at_poses(mechanism: Mechanism, found: Corrected) -> tuple[ErrorSummary, ErrorSummary]:
     """Return errors at the poses themselves without and with their commands."""
     full = found.wanted[found.good]
+    return _compared(mechanism, full, full, found.command[found.good])
+
+
+def _compared(mechanism: Mechanism, full: Array, before: Array, after: Array, least: int = 0
+              ) -> tuple[ErrorSummary, ErrorSummary]:
+    """Return how far the machine is from ``full`` poses with two lists of commands, (N, 6) each.
+
+    Over the rows that are known of both, ``least`` of them.
+    """
     rest = at_rest(mechanism, len(full))
-    before = driven(mechanism, full, rest)
-    after = driven(mechanism, found.command[found.good], rest)
-    both = finite_rows(before) & finite_rows(after)
-    return (pose_errors(mechanism, before[both], pose_motor(full[both])),
-            pose_errors(mechanism, after[both], pose_motor(full[both])))
+    ends = [driven(mechanism, commands, rest) for commands in (after, before)]
+    both = np.all([finite_rows(rows) for rows in (*ends, full)], axis=0)
+    if both.sum() < least:
+        raise NoResult("hardly any cell of the grid has commands at all its corners",
+                       mechanism.source, "Check `limits`, or give the poses with --poses")
+    wanted = pose_motor(full[both])
+    return (pose_errors(mechanism, ends[1][both], wanted),
+            pose_errors(mechanism, ends[0][both], wanted))
 
 
 def instrument_notes(mechanism: Mechanism) -> Iterator[Note]:

@@ -6,7 +6,7 @@ import os
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, Self
 
 from ppmcal.errors import BadInput
 from ppmcal.limits import CONFIG_BYTES, Limit
@@ -14,7 +14,6 @@ from ppmcal.store.inputs import read_bytes
 
 NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 DECIMAL = re.compile(NUMBER, re.ASCII)
-Numbers = TypeVar("Numbers")
 
 
 def read_text(path: str | os.PathLike[str], hint: str = "", limit: Limit = CONFIG_BYTES) -> str:
@@ -52,11 +51,19 @@ def commented(text: str, sign: str = "#") -> list[str]:
     return [f"{sign} {line}".rstrip() for line in text.splitlines()]
 
 
-def rounded(numbers: Numbers, digits: int) -> Numbers:
-    """Return a dataclass of numbers and tuples with so many decimals; no zero is negative."""
-    def cut(value: Any) -> Any:
-        if isinstance(value, tuple):
-            return tuple(map(cut, value))
-        return round(value, digits) + 0.0 if isinstance(value, int | float) else value
+class Rounded:
+    """A dataclass of numbers, and tuples of them, that are written with so many ``digits``."""
 
-    return replace(numbers, **{k: cut(v) for k, v in vars(numbers).items()})  # type: ignore[type-var]
+    DIGITS: ClassVar[int]
+
+    def __init_subclass__(cls, digits: int) -> None:
+        cls.DIGITS = digits
+
+    def rounded(self) -> Self:
+        """Return what is left of it after writing and reading; no zero is negative."""
+        def cut(value: Any) -> Any:
+            if isinstance(value, tuple):
+                return tuple(map(cut, value))
+            return round(value, self.DIGITS) + 0.0 if isinstance(value, int | float) else value
+
+        return replace(self, **{k: cut(v) for k, v in vars(self).items()})  # type: ignore[type-var]

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from ppmcal.controllers.delta import geometry
 from ppmcal.controllers.delta.fit import error_summary, project
 from ppmcal.controllers.delta.machine import drive_of, driven
-from ppmcal.controllers.reprap.controller import REPRAP
-from ppmcal.controllers.reprap.reading import (
+from ppmcal.controllers.reprap.controller import (
+    REPRAP,
     Delta,
     delta_of,
     format_delta,
@@ -205,7 +205,7 @@ def test_the_arithmetic_is_the_firmwares(radius: float, rods: tuple, height: flo
     down = travel(delta, points * 1e-3)
     np.testing.assert_allclose(down * 1e3, carriages(numbers(delta), points), atol=1e-9)
     # as Klipper's, but for the tilt; H and the endstops are told apart by a mean of 0
-    again = delta_of(geometry_of(delta), delta.bed)
+    again = delta_of(geometry_of(delta), delta)
     assert sum(again.endstops) == pytest.approx(0.0, abs=1e-9)
     level = Delta(radius, rods, height, angles, ends)
     np.testing.assert_allclose(travel(again, points * 1e-3), travel(level, points * 1e-3),

@@ -23,7 +23,8 @@ from ppmcal.controllers.klipper import rotary_machine as klipper_rotary
 from ppmcal.controllers.linuxcnc import hal as linuxcnc_hal
 from ppmcal.controllers.marlin import controller as marlin_config
 from ppmcal.controllers.maslow.controller import import_config as import_maslow
-from ppmcal.controllers.reprap import reading as reprap_reading
+from ppmcal.controllers.reprap import controller as reprap_config
+from ppmcal.controllers.reprap import heights as reprap_heights
 from ppmcal.io.column_names import LABELS
 from ppmcal.io.csv import csv_table
 from ppmcal.io.dataset_reader import read_dataset
@@ -173,7 +174,7 @@ def _imported(found):
 
 
 def _heights(path):
-    found, _ = reprap_reading.read_map(path)
+    found, _ = reprap_heights.read_map(path)
     assert np.isfinite(found).all(), "heights that are no numbers"
 
 
@@ -331,7 +332,7 @@ def readers():
         Reader("klipper-log", from_file("l.log", _log), (
             b"probe at 0.000,0.000 is z=1.234\nprobe at 10.0,0.000 is z=1.3\n"
             b"probe at 10.0,9.0 is z=1.3\n",)),
-        Reader("reprap", lambda d: reprap_reading.read_delta(reprap_reading.parse(
+        Reader("reprap", lambda d: reprap_config.read_delta(reprap_config.parse(
             d.decode("utf-8", "replace"), "config.g")), (
             b"M665 L300:300:300 R150 H240 B90 X0.1 Y-0.2 Z0\nM666 X0.1 Y0 Z-0.1 A0 B0\nG31 Z1\n",)),
         Reader("marlin", lambda d: marlin_config.read_delta(marlin_config.parse(

@@ -17,7 +17,7 @@ from itertools import chain
 
 import numpy as np
 
-from ppmcal.controllers.text import rounded
+from ppmcal.controllers.text import Rounded
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array
 
@@ -36,17 +36,13 @@ Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class DeltaGeometry:
+class DeltaGeometry(Rounded, digits=DIGITS):
     """The numbers of a linear delta: mm and degrees; triples are towers a, b, c."""
 
     radius: float
     angles: Triple
     arms: Triple
     endstops: Triple
-
-    def rounded(self) -> DeltaGeometry:
-        """Return what is left of it after writing and reading."""
-        return rounded(self, DIGITS)
 
     def named(self) -> dict[str, float]:
         """Return the value of each of :data:`KEYS`, mm and degrees."""

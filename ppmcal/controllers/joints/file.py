@@ -17,7 +17,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ppmcal.controllers.text import DECIMAL, rounded
+from ppmcal.controllers.text import DECIMAL, Rounded
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array
 
@@ -31,16 +31,12 @@ Numbers = tuple[float, ...]
 
 
 @dataclass(frozen=True)
-class Triplets:
+class Triplets(Rounded, digits=DIGITS):
     """One joint's table of P lines, the joint's own unit; ``nominal`` increases."""
 
     nominal: Numbers
     forward: Numbers
     reverse: Numbers
-
-    def rounded(self) -> Triplets:
-        """Return what is left of it after writing and reading."""
-        return rounded(self, DIGITS)
 
 
 def format_triplets(table: Triplets) -> str:

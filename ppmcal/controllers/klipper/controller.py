@@ -130,9 +130,8 @@ def patch(exported: Exported, old: Path) -> Exported:
     if is_rotary(read_config(old)):
         raise BadInput("copies are written of linear deltas alone", "--write",
                        f"Leave it out, and paste the lines of {KLIPPER.file}")
-    numbers = {n.name: n.new for n in exported.numbers}
     wanted = read_geometry(parse_config(exported.files[KLIPPER.file], KLIPPER.file))
-    text, told = patched(old, numbers, wanted)
+    text, told = patched(old, wanted)
     advice = (Note(f"The {COPY} written has the new numbers in its #*# lines{told and '; '}{told}.",
                    NOTE),)
     return replace(exported, files={**exported.files, COPY: text}, advice=advice, copy=COPY)

@@ -23,13 +23,12 @@ _OWN = "# from here to the block: over numbers of included files"
 Places = Mapping[tuple[str, str], str]
 
 
-def patched(path: Path, numbers: Mapping[str, float], wanted: DeltaGeometry) -> tuple[str, str]:
+def patched(path: Path, wanted: DeltaGeometry) -> tuple[str, str]:
     """Return the text of a copy of ``path`` with new numbers, and what was changed in its body.
 
     Args:
         path: the ``printer.cfg`` in use.
-        numbers: ``section.key`` -> value, mm and degrees.
-        wanted: the geometry that they are.
+        wanted: the geometry, as it is written.
 
     Raises:
         BadInput: Klipper does not read the file's ``#*#`` lines.
@@ -42,7 +41,7 @@ def patched(path: Path, numbers: Mapping[str, float], wanted: DeltaGeometry) -> 
                        "klipper.cfg")
     body, block = _halves("\n".join(split(exact_text(path))))
     new = {(n.partition(".")[0], n.partition(".")[2]): f"{v:.{DIGITS}f}"
-           for n, v in numbers.items()}
+           for n, v in wanted.named().items()}
     body, quiet = _quiet(body, new)
     rest = parse_config("\n".join(body), str(path), path).sections
     over = {place: v for place, v in new.items() if place[1] in rest.get(place[0], {})}

@@ -20,7 +20,7 @@ import numpy as np
 
 from ppmcal.controllers.delta.geometry import DIGITS, MM, TOWERS, Triple, triple
 from ppmcal.controllers.klipper.config import Config, geared
-from ppmcal.controllers.text import rounded
+from ppmcal.controllers.text import Rounded
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array
 
@@ -30,7 +30,7 @@ SHOULDERS = (30.0, 150.0, 270.0)
 
 
 @dataclass(frozen=True)
-class RotaryDelta:
+class RotaryDelta(Rounded, digits=DIGITS):
     """The numbers of a rotary delta: mm and degrees; triples are arms a, b, c."""
 
     radius: float
@@ -39,10 +39,6 @@ class RotaryDelta:
     upper: Triple
     lower: Triple
     endstops: Triple
-
-    def rounded(self) -> RotaryDelta:
-        """Return what is left of it after writing and reading."""
-        return rounded(self, DIGITS)
 
     def named(self) -> dict[str, float]:
         """Return ``section.key`` and value of each number, mm and degrees."""

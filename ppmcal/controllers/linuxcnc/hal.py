@@ -17,7 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from textwrap import wrap
 
-from ppmcal.controllers.text import DECIMAL, read_text, rounded
+from ppmcal.controllers.text import DECIMAL, Rounded, read_text
 from ppmcal.errors import BadInput
 
 STRUTS = 6
@@ -43,7 +43,7 @@ _LINKS = ("net", "linkps", "linksp", "linkpp")
 
 
 @dataclass(frozen=True)
-class HexapodGeometry:
+class HexapodGeometry(Rounded, digits=DIGITS):
     """What the pins of genhexkins hold, in the machine's length unit.
 
     Attributes:
@@ -65,12 +65,12 @@ class HexapodGeometry:
 
     def rounded(self) -> HexapodGeometry:
         """Return what is left of it after writing and reading."""
-        return replace(rounded(self, DIGITS), iteration=tuple(
+        return replace(super().rounded(), iteration=tuple(
             (name, float(f"{v:.12g}")) for name, v in self.iteration))
 
 
 @dataclass(frozen=True)
-class Joint:
+class Joint(Rounded, digits=DIGITS):
     """What changes in one [JOINT_n] section of the INI file.
 
     With j a joint position under the present section, the new one is stretch j + shift. So
@@ -85,7 +85,7 @@ class Joint:
 
     def rounded(self) -> Joint:
         """Return what is left of it after writing and reading."""
-        return replace(rounded(self, DIGITS), stretch=round(self.stretch, FACTOR_DIGITS))
+        return replace(super().rounded(), stretch=round(self.stretch, FACTOR_DIGITS))
 
 
 @dataclass(frozen=True)

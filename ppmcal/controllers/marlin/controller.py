@@ -31,7 +31,7 @@ from ppmcal.controllers.delta.gcode import DIGITS, Lines, parse_lines, two_lines
 from ppmcal.controllers.delta.geometry import DeltaGeometry, Triple, triple
 from ppmcal.controllers.delta.importer import printer_importer
 from ppmcal.controllers.delta.printer import Printer, stated_nominal
-from ppmcal.controllers.text import read_text, rounded
+from ppmcal.controllers.text import Rounded, read_text
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array
 from ppmcal.notes import NOTE, Note
@@ -42,7 +42,7 @@ _LEAD = re.compile(r"^(?:[^;\n]*?\becho:|\s*>+|\s*Recv:|\s*<<<)\s*(?=[;MGNmgn])"
 
 
 @dataclass(frozen=True)
-class MarlinDelta:
+class MarlinDelta(Rounded, digits=DIGITS):
     """The numbers of Marlin's delta; triples are towers A, B, C.
 
     Attributes:
@@ -60,10 +60,6 @@ class MarlinDelta:
     trims: Triple | None = (0.0, 0.0, 0.0)
     backs: Triple = (0.0, 0.0, 0.0)
     segments: float | None = None
-
-    def rounded(self) -> MarlinDelta:
-        """Return what is left of it after writing and reading."""
-        return rounded(self, DIGITS)
 
     @property
     def rods(self) -> Array:

@@ -9,7 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.controllers.export import Exported, NotExpressed, Number, effect_lacking, refuse
+from ppmcal.controllers.export import (
+    Exported,
+    NotExpressed,
+    Number,
+    effect_lacking,
+    refuse,
+    remarks,
+)
 from ppmcal.controllers.mjcf.arithmetic import (
     Tree,
     TreeState,
@@ -60,7 +67,9 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         raise takes_none(mechanism)
     lacks = tuple(_not_expressed(mechanism, driven_to))
     notes = (*_notes(mechanism), *instrument_notes(mechanism))
-    content = text(bare, at_home, home, "\n".join(_comment(mechanism, lacks, notes)))
+    content = text(bare, at_home, home, "\n".join([
+        f"{mechanism.name}, from ppmcal: lengths in m, angles in rad; read at home.",
+        *remarks(lacks, notes)]))
     reached = _read_back(bare, read(content), driven_to)
     q = driven_to.q[-1]
     was = forward(Model(mechanism.nominal()), q).pose
@@ -216,14 +225,6 @@ def _notes(mechanism: Mechanism) -> Iterator[Note]:
     if any(not limb.kind.pulls_only for limb in mechanism.limbs if limb.driven):
         yield Note("`ctrl` of an actuator, and its length, are the joint value q: its gear is "
                    "1/ratio, and its joint counts u - offset, m or rad", NOTE)
-
-
-def _comment(mechanism: Mechanism, lacks: Sequence[NotExpressed], notes: Sequence[Note]
-             ) -> Iterator[str]:
-    """Yield what stands at the head of the file."""
-    yield f"{mechanism.name}, from ppmcal: lengths in m, angles in rad; read at home."
-    yield from (f"Cannot be expressed: {lack.what}." for lack in lacks)
-    yield from (f"Note: {note}." for note in notes)
 
 
 def _advice() -> Iterator[Note]:

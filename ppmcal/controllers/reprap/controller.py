@@ -1,38 +1,168 @@
-"""M665 and M666 of RepRapFirmware for a linear delta, and printers as ``config.g`` has them."""
+"""M665 and M666 of RepRapFirmware for a linear delta, and printers as ``config.g`` has them.
+
+``M665 L R H B X Y Z``: rods, delta radius, height of the nozzle at the endstops, printable radius,
+mm, and how far towers X, Y, Z stand from 210, 330 and 90 deg, counted against the clock from
+above. ``M666 X Y Z A B``: how much higher than H each endstop is, mm, and how far the bed rises
+along x and y, percent.
+
+Tower i stands at (R cos w_i, R sin w_i) with w = 210 deg + X, 330 deg + Y, 90 deg + Z of M665. For
+a point (x, y, z) its carriage goes to
+
+    h_i = sqrt(L_i^2 - (x - R cos w_i)^2 - (y - R sin w_i)^2) + z + x A / 100 + y B / 100
+
+and homing has set it to H + sqrt(L_i^2 - R^2) + e_i, with e = X, Y, Z and A, B of M666. Only
+H + e_i counts. The firmware's own calibration leaves e with mean 0
+(NormaliseEndstopAdjustments there), and so does :func:`delta_of`.
+
+Without A and B these are the numbers of :class:`DeltaGeometry`, counted from elsewhere, and are
+fitted as such. A and B stay 0: a plane through the endstops tilts every level of the machine as
+they do, so that the two are nearly one. Fitting them as well took 2 to 6 % off what remained with
+leaning towers.
+
+Here in double precision and without steps; the firmware has single precision, 3e-5 mm at 300 mm.
+
+Sources: RepRapFirmware, ``LinearDeltaKinematics.cpp`` (Configure, WriteCalibrationParameters,
+Recalc, Transform, OnHomingSwitchTriggered); the firmware's G-code dictionary, M665 and M666.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from ppmcal.controllers.delta import geometry as delta_geometry
 from ppmcal.controllers.delta.firmware import DeltaFirmware, DeltaFit, patched_lines
 from ppmcal.controllers.delta.fit import export_delta
-from ppmcal.controllers.delta.gcode import Lines
-from ppmcal.controllers.delta.geometry import DeltaGeometry
+from ppmcal.controllers.delta.gcode import DIGITS, Lines, parse_lines, two_lines, words
+from ppmcal.controllers.delta.geometry import DeltaGeometry, Triple, triple
 from ppmcal.controllers.delta.importer import printer_importer
-from ppmcal.controllers.reprap.reading import (
-    LETTERS,
-    Delta,
-    delta_of,
-    format_delta,
-    parse,
-    read_delta,
-    read_lines,
-    read_printer,
-    travel,
-)
+from ppmcal.controllers.delta.printer import Printer, stated_nominal
+from ppmcal.controllers.reprap.heights import read_mesh
+from ppmcal.controllers.text import Rounded, read_text
+from ppmcal.errors import BadInput
+from ppmcal.linalg import Array
 from ppmcal.notes import NOTE, Note
 
+LETTERS = {665: "LRHBXYZ", 666: "XYZAB"}
+STEEP = 50.0
+"""No bed is tilted by more, percent."""
 FAR = 5.0
 """Endstops that move by more than this, mm, are rather a mistake in the model."""
+OVERRIDE = "config-override.g"
+"""What M500 writes and M501 runs."""
 
 
-def _of(geometry: DeltaGeometry, old: Delta | None) -> Delta:
-    """Return M665 and M666, rounded as they are written; the printable radius is ``old``'s."""
-    return delta_of(geometry, None if old is None else old.bed).rounded()
+@dataclass(frozen=True)
+class Delta(Rounded, digits=DIGITS):
+    """The numbers of RepRapFirmware's linear delta; triples are towers X, Y, Z.
+
+    Attributes:
+        radius: M665 R, mm; rods: M665 L, mm; height: M665 H, mm.
+        angles: M665 X, Y, Z, degrees from 210, 330 and 90.
+        endstops: M666 X, Y, Z, mm above H.
+        tilt: M666 A and B, percent.
+        bed: M665 B, mm, None where nothing says.
+    """
+
+    radius: float
+    rods: Triple
+    height: float
+    angles: Triple = (0.0, 0.0, 0.0)
+    endstops: Triple = (0.0, 0.0, 0.0)
+    tilt: tuple[float, float] = (0.0, 0.0)
+    bed: float | None = None
+
+
+def read_lines(path: str | os.PathLike[str]) -> Lines:
+    """Return what a ``config.g`` or ``config-override.g`` says of the delta.
+
+    Raises:
+        BadInput: not a text file, or an M665 or M666 that cannot be read.
+    """
+    return parse(read_text(path, "Give the config.g of a printer"), str(path))
+
+
+def parse(text: str, source: str) -> Lines:
+    """Return what ``text`` says of the delta; later lines win, letter by letter."""
+    return parse_lines(text, source, LETTERS)
+
+
+def read_delta(lines: Lines) -> Delta:
+    """Return the delta's numbers; what is 0 in the firmware when nobody says is 0 here.
+
+    Raises:
+        BadInput: L, R or H is missing, or they make no delta of three towers.
+    """
+    if not any(name.startswith("M665") for name in lines.values):
+        more = ", ".join(f"line {n} runs {command}" for n, command in lines.elsewhere)
+        raise BadInput("there is no M665 with numbers", lines.source, "Give the config.g or "
+                       "config-override.g of a linear delta"
+                       + (f"; {more}, which is not followed" if more else ""))
+    radius = lines.number("M665 R", positive=True)
+    rods = _rods(lines)
+    for tower, rod in zip("XYZ", rods, strict=True):
+        lines.refuse_short(tower, rod, radius)
+    tilt = lines.number("M666 A", 0.0), lines.number("M666 B", 0.0)
+    for letter, percent in zip("AB", tilt, strict=True):
+        if abs(percent) > STEEP:
+            raise BadInput(f"the bed rises by {percent:g} %", lines.at(f"M666 {letter}"),
+                           f"Write at most {STEEP:g}: 1 is 1 mm on 100 mm")
+    bed = lines.optional("M665 B")
+    return Delta(radius, rods, lines.number("M665 H"), lines.triple("M665"), lines.triple("M666"),
+                 tilt, bed)
+
+
+def _rods(lines: Lines) -> Triple:
+    value = lines.values.get("M665 L")
+    if value is None or len(value.numbers) == 1:
+        rod = lines.number("M665 L", positive=True)
+        return rod, rod, rod
+    if len(value.numbers) != 3:
+        raise BadInput(f"{len(value.numbers)} rods stand here", lines.at("M665 L"),
+                       "Write one for all, or three: deltas of three towers are read")
+    return value.numbers[0], value.numbers[1], value.numbers[2]
+
+
+def format_delta(delta: Delta, comment: str = "") -> str:
+    """Return M665 and M666 as M500 writes them, with every letter that another line could set.
+
+    Rods that are equal are one number, as firmware before 2.03 wants it.
+    """
+    delta = delta.rounded()
+    rods = delta.rods[:1] if len(set(delta.rods)) == 1 else delta.rods
+    first = (f"M665 L{':'.join(f'{rod:.{DIGITS}f}' for rod in rods)}"
+             + words("RH", (delta.radius, delta.height))
+             + ("" if delta.bed is None else words("B", (delta.bed,)))
+             + words("XYZ", delta.angles))
+    return two_lines(first, "M666" + words("XYZAB", (*delta.endstops, *delta.tilt)), comment)
+
+
+def travel(delta: Delta, point: Array) -> Array:
+    """Return how far below its endstop each carriage goes for points (N, 3), (N, 3), m."""
+    level = delta_geometry.travel(geometry_of(delta), point)
+    return np.asarray(level - 0.01 * (point[:, :2] @ delta.tilt)[:, None])
+
+
+def geometry_of(delta: Delta) -> DeltaGeometry:
+    """Return the same machine as a delta's geometry, but for the tilt, which that has not."""
+    return DeltaGeometry(delta.radius, delta_geometry.tower_angles(delta.angles), delta.rods,
+                         triple(np.add(delta.height, delta.endstops)))
+
+
+def delta_of(geometry: DeltaGeometry, old: Delta | None = None) -> Delta:
+    """Return the same machine in RepRapFirmware's numbers; angles from -180 to 180 deg.
+
+    The printable radius is that of the old numbers.
+    """
+    height = float(np.mean(geometry.endstops))
+    return Delta(geometry.radius, geometry.arms, height, geometry.turns,
+                 triple(np.subtract(geometry.endstops, height)), (0.0, 0.0),
+                 None if old is None else old.bed)
 
 
 def _table(delta: Delta) -> Iterator[tuple[str, str, float]]:
@@ -90,7 +220,54 @@ def _advice(found: DeltaFit[Delta], old: Path | None, config: Lines | None) -> I
 REPRAP = DeltaFirmware(
     "reprap", "RepRapFirmware", "reprap.g", ("X", "Y", "Z"), "delta radius R",
     "H of M665 and X, Y, Z of M666", "divide its steps per mm (M92) by that", read_lines,
-    parse, read_delta, _of, travel, _table, format_delta, _how, _advice, _notes, codes=LETTERS,
-    copy="config.g")
+    parse, read_delta, lambda geometry, old: delta_of(geometry, old).rounded(), travel, _table,
+    format_delta, _how, _advice, _notes, codes=LETTERS, copy="config.g")
+
+
+def read_printer(path: str | os.PathLike[str], rods: float | None = None,
+                 meshes: Sequence[str] = (), radius: float | None = None) -> Printer:
+    """Return the printer of a ``config.g`` with the beds of its height maps.
+
+    Numbers of a ``config-override.g`` beside it, where M501 runs that, are what it prints with:
+    a calibration's result, and no nominal.
+
+    Args:
+        path: ``config.g``.
+        rods: length of the rods as the user knows it, mm.
+        meshes: paths of ``heightmap.csv``.
+        radius: R of M665 as the user knows it, mm.
+
+    Raises:
+        BadInput: anything wrong in a file.
+    """
+    lines = read_lines(path)
+    delta = read_delta(lines)
+    active, findings = _active(Path(path), lines, delta)
+    now = geometry_of(active)
+    nominal, told = stated_nominal(str(path), geometry_of(delta), now, "config.g", rods, radius)
+    findings += told
+    if any(active.tilt):
+        findings.append(Note(f"A{active.tilt[0]:g} B{active.tilt[1]:g} of M666 tilt the bed: the "
+                             "touches are taken with it, the machine has it in its endstops"))
+    beds = tuple(read_mesh(Path(path), partial(travel, active), Path(name)) for name in meshes)
+    if not beds:
+        findings.append(Note("the file holds no touches: give the map that G29 wrote with --mesh "
+                             "heightmap.csv"))
+    findings += [f for bed in beds for f in bed.findings]
+    return Printer(str(path), now, nominal, active != delta, meshes=beds, findings=tuple(findings))
+
+
+def _active(path: Path, lines: Lines, delta: Delta) -> tuple[Delta, list[Note]]:
+    """Return what the firmware prints with, and what may hold more."""
+    beside = path.with_name(OVERRIDE)
+    runs = [command for _, command in lines.elsewhere]
+    if "M501" in runs and beside.is_file() and beside != path:
+        saved = read_lines(beside)
+        both = replace(lines, values={**lines.values, **saved.values})
+        return read_delta(both), []
+    return delta, [Note(f"{place} runs another file, which is not followed: numbers of M665 and "
+                        "M666 there would win") for place in lines.overruled()]
+
+
 export, patch = partial(export_delta, REPRAP), partial(patched_lines, REPRAP)
 import_config = printer_importer(read_printer)
