@@ -14,14 +14,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq, fsolve
 
-from ppmcal.controllers.joints.file import (
+from ppmcal.controllers.joints.tables import (
     MOST,
+    TARGET,
     Triplets,
     correction,
     format_triplets,
+    joint_tables,
+    knots,
     parse_triplets,
 )
-from ppmcal.controllers.joints.tables import TARGET, joint_tables, knots
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism
 

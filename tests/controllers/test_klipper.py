@@ -17,8 +17,7 @@ from hypothesis import strategies as st
 
 from ppmcal import import_config
 from ppmcal.controllers.delta.fit import project
-from ppmcal.controllers.delta.geometry import DeltaGeometry
-from ppmcal.controllers.delta.machine import drive_of, reached
+from ppmcal.controllers.delta.geometry import DeltaGeometry, drive_of, reached
 from ppmcal.controllers.klipper.config import (
     config_lines,
     parse_config,

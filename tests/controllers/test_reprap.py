@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from ppmcal.controllers.delta import geometry
 from ppmcal.controllers.delta.fit import error_summary, project
-from ppmcal.controllers.delta.machine import drive_of, driven
+from ppmcal.controllers.delta.geometry import drive_of, driven
 from ppmcal.controllers.reprap.controller import (
     REPRAP,
     Delta,

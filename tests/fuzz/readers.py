@@ -16,10 +16,10 @@ from fuzz.judge import SECONDS
 from ppmcal.commands.batch.manifest import read_manifest
 from ppmcal.controllers.hangprinter import reading as hangprinter_config
 from ppmcal.controllers.hangprinter.controller import import_config as import_hangprinter
-from ppmcal.controllers.joints import file as joint_tables_file
+from ppmcal.controllers.joints import tables as joint_tables
 from ppmcal.controllers.klipper import config as klipper_config
 from ppmcal.controllers.klipper import reading as klipper_reading
-from ppmcal.controllers.klipper import rotary_machine as klipper_rotary
+from ppmcal.controllers.klipper import rotary as klipper_rotary
 from ppmcal.controllers.linuxcnc import hal as linuxcnc_hal
 from ppmcal.controllers.marlin import controller as marlin_config
 from ppmcal.controllers.maslow.controller import import_config as import_maslow
@@ -360,7 +360,7 @@ def readers():
         Reader("hal-joints", _joints, (
             b"[JOINT_0]\n# HOME_OFFSET = present * 1.5 + 0.25\n# HOME = 5.0\n[JOINT_1]\n"
             b"# HOME = 1\n",)),
-        Reader("triplets", lambda d: joint_tables_file.parse_triplets(
+        Reader("triplets", lambda d: joint_tables.parse_triplets(
             d.decode("utf-8", "replace"), "c.comp"), (b"0 0.1 0.2\n1 1.1 1.2\n2 2.0 2.1\n",)),
         Reader("knowledge", from_file("identification.json", _knowledge), ()),
         Reader("posterior", from_file("identification.json",

@@ -15,16 +15,19 @@ from typing import Any
 import numpy as np
 
 from ppmcal.controllers.delta.firmware import DeltaFirmware, DeltaFit, DeltaNumbers
-from ppmcal.controllers.delta.geometry import MM, DeltaGeometry, travel, triple
-from ppmcal.controllers.delta.machine import (
+from ppmcal.controllers.delta.geometry import (
+    MM,
     DeltaDrive,
+    DeltaGeometry,
     delta_geometry,
     drive_of,
     driven,
     platform_jacobian,
     reached,
+    travel,
+    triple,
 )
-from ppmcal.controllers.delta.machine import axis as tower_axis
+from ppmcal.controllers.delta.geometry import axis as tower_axis
 from ppmcal.controllers.export import (
     AXIS_OFFSET,
     Exported,

@@ -16,14 +16,16 @@ from ppmcal.controllers.export import (
     misread,
     refuse,
 )
-from ppmcal.controllers.joints.file import MOST, format_triplets, parse_triplets
 from ppmcal.controllers.joints.tables import (
+    MOST,
     CorrectionTable,
     drives_of_unequal_limbs,
+    format_triplets,
     joint_effects,
     joint_parameters,
     joint_tables,
     known_limits,
+    parse_triplets,
     table_command,
 )
 from ppmcal.controllers.pose_errors import ErrorSummary, pose_errors

@@ -28,8 +28,7 @@ from ppmcal.controllers.export import (
     other_machine,
     refuse,
 )
-from ppmcal.controllers.klipper.rotary import RotaryDelta, arm_angles
-from ppmcal.controllers.klipper.rotary_machine import is_rotary_delta
+from ppmcal.controllers.klipper.rotary import RotaryDelta, arm_angles, is_rotary_delta
 from ppmcal.controllers.number_intervals import fitted, following
 from ppmcal.controllers.pose_errors import ErrorSummary, pose_errors
 from ppmcal.controllers.pose_grid import default_grid, instrument_notes
