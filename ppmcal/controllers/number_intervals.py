@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from ppmcal.calibration.fit import Z95
@@ -109,7 +108,7 @@ def _slopes(numbers: tuple[Number, ...], again: Again, mechanism: Mechanism, nam
 
 
 def fitted(errors: Callable[[Array], Array], start: Array, what: str, most: int,
-           slopes: Any = "2-point", scale: ArrayLike = 1.0, tight: float = 1e-12) -> Array:
+           slopes: Any = "2-point", scale: Array | float = 1.0, tight: float = 1e-12) -> Array:
     """Return the numbers (P,) with the smallest squared errors (n,), from ``start`` on.
 
     ``what``: they are, for messages; ``most``: how often errors are worked out; ``slopes``: their

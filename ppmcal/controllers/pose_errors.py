@@ -123,7 +123,7 @@ def within_limits(mechanism: Mechanism, q: Array) -> Bools:
     """Return which joint values (N, k) are within the limits (N,)."""
     low, high = mechanism.limits.T
     with np.errstate(invalid="ignore"):
-        return np.all((q >= low) & (q <= high), axis=1)
+        return np.asarray(np.all((q >= low) & (q <= high), axis=1))
 
 
 def rms(values: Array) -> float:

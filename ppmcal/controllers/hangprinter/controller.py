@@ -137,6 +137,7 @@ def _machine(path: Path, joints: Array, anchors: Array, lengths: Array, origin: 
     wide = 0.1 * (high - low) + 10.0
     limits = np.column_stack([np.floor((low - wide) / 10.0), np.ceil((high + wide) / 10.0)]) * 10.0
     k = len(anchors)
+    middle = round(0.2 * float(anchors[:, 2].max() + anchors[:, 2].min()), -1)    # height, mm
     held = ("xyz", "xz", "z") if blind else ()    # three ends of a base that cannot turn
     return RopeMachine(
         f"Hangprinter of {path.name}",
@@ -147,16 +148,11 @@ def _machine(path: Path, joints: Array, anchors: Array, lengths: Array, origin: 
         tuple(Rope(name, tuple(place), f"{length:.6g}", fixed)
               for name, place, length, fixed in zip(
                   NAMES, anchors.tolist(), lengths.tolist(), (*held, *[""] * (k - len(held))),
-                  strict=False)), (0.0, 0.0, _height(anchors)),
+                  strict=False)), (0.0, 0.0, middle),
         {"point": tolerance, "offset": max(AT_ORIGIN, tolerance)}, limits, """\
 # Spools of another radius than the firmware takes: give a rope `ratio: {value: 1, tolerance: 0.01}`
 # where places were measured.
 """)
-
-
-def _height(anchors: Array) -> float:
-    """Return a height in the middle of the machine, mm."""
-    return round(0.2 * float(anchors[:, 2].max() + anchors[:, 2].min()), -1)
 
 
 def order(mechanism: Mechanism) -> list[int]:

@@ -71,14 +71,7 @@ def read_printer(path: str | os.PathLike[str], rods: float | None = None,
                  meshes: Sequence[str] = (), radius: float | None = None) -> Printer:
     """Return the printer of a ``printer.cfg`` with what its calibration measured.
 
-    Args:
-        path: the file.
-        rods: length of the rods as the user knows it, mm.
-        meshes: names of saved bed meshes, or logs with lines ``probe at x,y is z=...``.
-        radius: delta_radius as the user knows it, mm.
-
-    Raises:
-        BadInput: anything wrong in the file, or a mesh that is not there.
+    ``meshes``: names of saved bed meshes, or logs with lines ``probe at x,y is z=...``.
     """
     config = read_config(path)
     if "kinematics" not in config.section("printer"):
@@ -220,11 +213,7 @@ def read_nominal(config: Config, active: DeltaGeometry, rods: float | None = Non
                  given: float | None = None) -> Nominal:
     """Return the nominal geometry of a printer whose last calibration gave ``active``.
 
-    Args:
-        config: its file.
-        active: its numbers, saved ones before those in its body.
-        rods: the rods' length as the user knows it, mm.
-        given: delta_radius as the user knows it, mm.
+    ``rods``, ``given``: their length, and delta_radius, as the user knows them, mm.
 
     Raises:
         BadInput: ``rods`` do not reach the middle.

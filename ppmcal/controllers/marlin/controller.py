@@ -172,26 +172,19 @@ def _notes(found: DeltaFit[MarlinDelta]) -> Iterator[Note]:
                    "there B is another number, so send the line without them", NOTE)
 
 
-def _advice(found: DeltaFit[MarlinDelta], old: Path | None, config: Lines | None
-            ) -> Iterator[Note]:
-    yield Note(f"Send the lines of {MARLIN.file}, then M500. DELTA_RADIUS_TRIM_TOWER of "
-               "Configuration.h must be 0 for all towers: no line says what it is.", NOTE)
-
-
 MARLIN = DeltaFirmware(
     "marlin", "Marlin", "marlin.g", ("X", "Y", "Z"), "delta radius R",
     "H of M665 and X, Y, Z of M666", "divide its steps per mm (M92) by that", read_lines, parse,
-    read_delta, delta_of, travel, _table, format_delta, _how, _advice, _notes, codes=LETTERS,
+    read_delta, delta_of, travel, _table, format_delta, _how,
+    advice=lambda *_: [Note(
+        "Send the lines of marlin.g, then M500. DELTA_RADIUS_TRIM_TOWER of Configuration.h must be "
+        "0 for all towers: no line says what it is.", NOTE)], notes=_notes, codes=LETTERS,
     bare=partial(_LEAD.sub, ""), copy="m503.txt")
 
 
 def read_printer(path: Path, rods: float | None = None, meshes: Sequence[str] = (),
                  radius: float | None = None) -> Printer:
-    """Return the printer of a report; a report holds no touches.
-
-    Raises:
-        BadInput: anything wrong in the file.
-    """
+    """Return the printer of a report; a report holds no touches."""
     now = geometry_of(read_delta(read_lines(path)))
     nominal, findings = stated_nominal(str(path), now, now, "the report", rods, radius)
     findings.append(Note("the report holds no touches: write heights and carriages below their "

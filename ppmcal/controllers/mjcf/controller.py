@@ -47,6 +47,10 @@ MOST = 100
 WAY = (0.25, 0.5, 0.75, 1.0)
 """Parts of the way from home at which its loops are closed again."""
 STARTS, SEED = 64, 1
+ADVICE = Note(
+    "The site `platform` is the platform's frame. Start with "
+    "`mj_resetDataKeyframe(model, data, 0)`: there `ctrl` is that of home. Loops close at sites, "
+    "which old versions of MuJoCo do not know.", NOTE)
 ALIKE = 1e-9
 """The model is the machine where poses differ by less, as a part of its reach, or rad."""
 
@@ -79,7 +83,7 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         f"MuJoCo's bodies hold {'the geometry' if lacks else 'all of the machine'}",
         tuple(_numbers(mechanism)), f"{len(q)} poses, at the same joint values",
         pose_errors(mechanism, real, was), pose_errors(mechanism, real, reached), lacks, notes,
-        tuple(_advice()), poses=driven_to.wanted,
+        (ADVICE,), poses=driven_to.wanted,
         again=lambda m: {p.name: float(p.value) for p in m.parameters})
 
 
@@ -225,9 +229,3 @@ def _notes(mechanism: Mechanism) -> Iterator[Note]:
     if any(not limb.kind.pulls_only for limb in mechanism.limbs if limb.driven):
         yield Note("`ctrl` of an actuator, and its length, are the joint value q: its gear is "
                    "1/ratio, and its joint counts u - offset, m or rad", NOTE)
-
-
-def _advice() -> Iterator[Note]:
-    yield Note("The site `platform` is the platform's frame. Start with "
-               "`mj_resetDataKeyframe(model, data, 0)`: there `ctrl` is that of home. Loops close "
-               "at sites, which old versions of MuJoCo do not know.", NOTE)

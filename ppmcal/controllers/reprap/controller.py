@@ -27,7 +27,6 @@ Recalc, Transform, OnHomingSwitchTriggered); the firmware's G-code dictionary, M
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -78,7 +77,7 @@ class Delta(Rounded, digits=DIGITS):
     bed: float | None = None
 
 
-def read_lines(path: str | os.PathLike[str]) -> Lines:
+def read_lines(path: Path) -> Lines:
     """Return what a ``config.g`` or ``config-override.g`` says of the delta.
 
     Raises:
@@ -224,32 +223,23 @@ REPRAP = DeltaFirmware(
     format_delta, _how, _advice, _notes, codes=LETTERS, copy="config.g")
 
 
-def read_printer(path: str | os.PathLike[str], rods: float | None = None,
-                 meshes: Sequence[str] = (), radius: float | None = None) -> Printer:
+def read_printer(path: Path, rods: float | None = None, meshes: Sequence[str] = (),
+                 radius: float | None = None) -> Printer:
     """Return the printer of a ``config.g`` with the beds of its height maps.
 
     Numbers of a ``config-override.g`` beside it, where M501 runs that, are what it prints with:
-    a calibration's result, and no nominal.
-
-    Args:
-        path: ``config.g``.
-        rods: length of the rods as the user knows it, mm.
-        meshes: paths of ``heightmap.csv``.
-        radius: R of M665 as the user knows it, mm.
-
-    Raises:
-        BadInput: anything wrong in a file.
+    a calibration's result, and no nominal. ``meshes``: paths of ``heightmap.csv``.
     """
     lines = read_lines(path)
     delta = read_delta(lines)
-    active, findings = _active(Path(path), lines, delta)
+    active, findings = _active(path, lines, delta)
     now = geometry_of(active)
     nominal, told = stated_nominal(str(path), geometry_of(delta), now, "config.g", rods, radius)
     findings += told
     if any(active.tilt):
         findings.append(Note(f"A{active.tilt[0]:g} B{active.tilt[1]:g} of M666 tilt the bed: the "
                              "touches are taken with it, the machine has it in its endstops"))
-    beds = tuple(read_mesh(Path(path), partial(travel, active), Path(name)) for name in meshes)
+    beds = tuple(read_mesh(path, partial(travel, active), Path(name)) for name in meshes)
     if not beds:
         findings.append(Note("the file holds no touches: give the map that G29 wrote with --mesh "
                              "heightmap.csv"))

@@ -50,6 +50,12 @@ FITTED, SCALES, STEP = np.arange(7) != 3, np.array([1.0, 1.0, 1.0, 0.3, 0.3, 0.3
 """
 EVEN = 0.5
 """Arms are 120 degrees apart, and level at u = 0, to this, degrees."""
+NOTES = (
+    Note("the zero of each motor and its sense are those of the machine file: Beckhoff's drawing "
+         "of them could not be checked, so the nominal parameters must drive the machine well "
+         "before these are entered", NOTE),
+    Note("only the difference of Displacement and TCP displacement counts: the latter stays "
+         "nominal", NOTE))
 _LINE = re.compile(r"^([A-Za-z][^=#\n]*?) = (\S+) (mm|deg)$", re.MULTILINE)
 
 
@@ -72,7 +78,8 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
     new = np.round(exact, DIGITS) + 0.0
     before, after = (_errors(bare, turns, n, pose) for n in (nominal, new))
     lacks = tuple(_lacks(mechanism, after))
-    numbers = tuple(_numbers(mechanism, nominal, new))
+    numbers = tuple(Number(name, round(float(nominal[i]), DIGITS), float(new[i]),
+                           "mm" if i < 4 else "deg") for i, name in enumerate(_names(mechanism)))
     lines = head(mechanism.name, before, after, lacks, how=["3D-Delta Type 1 (P_3C) of TF5112."])
     text = "\n".join([*commented(lines), *(
         f"{n.name} = {n.new:.{DIGITS}f} {n.unit}" for n in numbers)]) + "\n"
@@ -82,7 +89,7 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         "twincat", "TwinCAT", {FILE: text},
         f"TwinCAT's parameters hold {'most of it, fitted' if lacks else 'all of the geometry'}",
         numbers, f"{len(pose)} poses within the limits", before, after, lacks,
-        (*_notes(), *instrument_notes(mechanism)),
+        (*NOTES, *instrument_notes(mechanism)),
         (Note(f"Type the numbers of {FILE} into the parameters of the kinematics' object, and add "
               "each change to the joint value at which its axis is homed.", NOTE),),
         poses=np.pad(cga.translation(pose), ((0, 0), (0, 3))),
@@ -187,11 +194,6 @@ def _names(mechanism: Mechanism) -> tuple[str, ...]:
                       for limb in mechanism.limbs))
 
 
-def _numbers(mechanism: Mechanism, old: Array, new: Array) -> Iterator[Number]:
-    for i, name in enumerate(_names(mechanism)):
-        yield Number(name, round(float(old[i]), DIGITS), float(new[i]), "mm" if i < 4 else "deg")
-
-
 def _lacks(mechanism: Mechanism, after: ErrorSummary) -> Iterator[NotExpressed]:
     """Yield what four lengths alike for all arms cannot hold."""
     effects = {p for e in mechanism.effects for p in e.parameters.values()}
@@ -201,11 +203,3 @@ def _lacks(mechanism: Mechanism, after: ErrorSummary) -> Iterator[NotExpressed]:
         yield NotExpressed("arms that differ from each other, and shoulders out of their places",
                            names, after)
     yield from effects_lacking(mechanism)
-
-
-def _notes() -> Iterator[Note]:
-    yield Note("the zero of each motor and its sense are those of the machine file: Beckhoff's "
-               "drawing of them could not be checked, so the nominal parameters must drive the "
-               "machine well before these are entered", NOTE)
-    yield Note("only the difference of Displacement and TCP displacement counts: the latter stays "
-               "nominal", NOTE)
