@@ -58,8 +58,7 @@ KINEMATICS = "rotary_delta"
 SHOULDERS = (30.0, 150.0, 270.0)
 """Angles of the arms where nobody says, degrees."""
 FILE = "klipper.cfg"
-ACROSS, HEIGHTS = 7, (0.0, 0.02, 0.04)
-DISC = 0.6
+ACROSS, HEIGHTS, DISC = 7, (0.0, 0.02, 0.04), 0.6
 """Points are tried over a disc of this part of the shoulders' radius, or of the upper arms."""
 ROUNDED = 1e-7
 """Errors below this are those of the decimals that are written, m."""
@@ -255,9 +254,8 @@ class RotaryDrive:
 
     def reached(self, delta: RotaryDelta, point: Array) -> Array:
         """Return where the machine goes (N, 3), m, when the firmware is told ``point`` (N, 3)."""
-        q = np.empty_like(point)
-        own = [limb.actuator for limb in self.mechanism.limbs]
-        q[:, own] = self.zero - self.scale * (endstop_angles(delta) - arm_angles(delta, point))
+        q, down = np.empty_like(point), endstop_angles(delta) - arm_angles(delta, point)
+        q[:, [limb.actuator for limb in self.mechanism.limbs]] = self.zero - self.scale * down
         return np.asarray(cga.translation(forward(Model(self.mechanism), q).pose))
 
 
@@ -311,11 +309,7 @@ def export_rotary(mechanism: Mechanism, old: Path | None) -> Exported:
 
 def _text(mechanism: Mechanism, new: RotaryDelta, before: ErrorSummary, after: ErrorSummary,
           lacks: Sequence[NotExpressed]) -> str:
-    """Return the lines, read back.
-
-    Raises:
-        NoResult: as other numbers.
-    """
+    """Return the lines, read back as the same numbers."""
     text = config_lines(new.named(), head(mechanism.name, before, after, lacks, how=[
         "Paste above the #*# lines of printer.cfg, below all other sections: there they win."]))
     if read_rotary(parse_config(f"[printer]\nkinematics: {KINEMATICS}\n{text}", FILE)) != new:

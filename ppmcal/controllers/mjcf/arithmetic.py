@@ -83,26 +83,20 @@ class Tree:
         return out
 
 
-@dataclass(frozen=True, eq=False)
-class TreeState:
-    """N poses of a tree: slides and hinges from home (N,), balls as matrices (N, 3, 3), by name."""
-
-    values: Mapping[str, Array]
-
-    def moved(self, tree: Tree, by: Array) -> TreeState:
-        """Return the state after a step (N, width)."""
-        out = {}
-        for name, dof in tree.joints.items():
-            own = by[:, dof.columns]
-            out[name] = (self.values[name] @ _rotation(own) if dof.kind == "ball"
-                         else self.values[name] + own[:, 0])
-        return TreeState(out)
+TreeState = Mapping[str, Array]
+"""N poses of a tree: slides and hinges from home (N,), balls as matrices (N, 3, 3), by name."""
 
 
-def at_home(tree: Tree, rows: int) -> TreeState:
+def at_home(tree: Tree, rows: int) -> dict[str, Array]:
     """Return ``rows`` times the state of the file."""
-    return TreeState({n: np.tile(np.eye(3), (rows, 1, 1)) if d.kind == "ball" else np.zeros(rows)
-                  for n, d in tree.joints.items()})
+    return {n: np.tile(np.eye(3), (rows, 1, 1)) if d.kind == "ball" else np.zeros(rows)
+            for n, d in tree.joints.items()}
+
+
+def _moved(tree: Tree, state: TreeState, by: Array) -> TreeState:
+    """Return a state after a step (N, width)."""
+    return {name: state[name] @ _rotation(by[:, dof.columns]) if dof.kind == "ball"
+            else state[name] + by[:, dof.column] for name, dof in tree.joints.items()}
 
 
 def _rotation(vector: Array) -> Array:
@@ -129,7 +123,7 @@ class PlacedTree:
 
 def placed(tree: Tree, state: TreeState) -> PlacedTree:
     """Return where everything is."""
-    rows = len(next(iter(state.values.values()))) if state.values else 1
+    rows = len(next(iter(state.values()))) if state else 1
     bodies = [(np.tile(np.eye(3), (rows, 1, 1)), np.zeros((rows, 3)))]
     axes = {}
     for body in range(1, len(tree.parents)):
@@ -137,7 +131,7 @@ def placed(tree: Tree, state: TreeState) -> PlacedTree:
         own, at = tree.frames[body]
         turn, place = turn @ own, turn @ at + place
         for dof in tree.of_body(body):
-            value = state.values[dof.name]
+            value = state[dof.name]
             if dof.kind == "ball":
                 axes[dof.name] = turn, place
                 turn = turn @ value
@@ -162,7 +156,7 @@ def _rates(tree: Tree, at: PlacedTree, state: TreeState, name: str) -> Array:
             out[..., dof.columns] = axes
             continue
         if dof.kind == "ball":      # steps of a ball are turns in the axes that it carries
-            axes = axes @ state.values[dof.name]
+            axes = axes @ state[dof.name]
         out[..., dof.columns] = np.cross(axes, (place - through)[..., None], axis=1)
     return out
 
@@ -207,7 +201,7 @@ def closed(tree: Tree, start: TreeState, size: float, held: Sequence[str] = (),
         step = -(pinv(rate @ spread, 1e-10) @ gap[..., None])[..., 0]
         far = np.abs(step).max(axis=1, initial=0.0)
         step *= np.minimum(1.0, LARGEST / np.maximum(far, 1e-300))[:, None]
-        state = state.moved(tree, step @ spread.T)
+        state = _moved(tree, state, step @ spread.T)
     return state, np.asarray(np.abs(_gaps(tree, state, lengths or {})[0]).max(axis=1))
 
 
@@ -232,7 +226,7 @@ def _spread(tree: Tree, size: float, held: Sequence[str]) -> Array:
 def driven(tree: Tree, start: TreeState, ctrl: Mapping[str, Array]
            ) -> tuple[TreeState, dict[str, Array]]:
     """Return a state with actuated joints where ``ctrl`` (N,) has them, and ropes' lengths, m."""
-    values, lengths = dict(start.values), {}
+    values, lengths = dict(start), {}
     for name, (moves, gear, added) in tree.actuators.items():
         length = (ctrl[name] + added) / gear
         if moves in tree.ropes:
@@ -241,7 +235,7 @@ def driven(tree: Tree, start: TreeState, ctrl: Mapping[str, Array]
             values[moves] = length - tree.joints[moves].ref
     for name, (leader, slope) in tree.coupled.items():
         values[name] = slope * values[leader]
-    return TreeState(values), lengths
+    return values, lengths
 
 
 def actuated(tree: Tree) -> list[str]:

@@ -65,13 +65,13 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         wanted = wanted[:: 1 + len(wanted) // MOST]
     else:
         wanted = read_poses(poses, mechanism).poses
-    at_home, home = bodies_at_home(bare)
+    platform, home = bodies_at_home(bare)
     driven_to = _way(bare, wanted)
     if not len(driven_to.q[-1]):
         raise takes_none(mechanism)
     lacks = tuple(_not_expressed(mechanism, driven_to))
     notes = (*_notes(mechanism), *instrument_notes(mechanism))
-    content = text(bare, at_home, home, "\n".join([
+    content = text(bare, platform, home, "\n".join([
         f"{mechanism.name}, from ppmcal: lengths in m, angles in rad; read at home.",
         *remarks(lacks, notes)]))
     reached = _read_back(bare, read(content), driven_to)
@@ -105,7 +105,7 @@ def bodies_at_home(mechanism: Mechanism) -> tuple[Array, Home]:
         if limb.driven:
             home[limb.name] = float(model.joint_coordinate(index, q)[0])
         state = _assembled(tree, own, home.get(limb.name), limb.name, mechanism)
-        home |= {n: state.values[n][0] for n in own if n not in home}
+        home |= {n: state[n][0] for n in own if n not in home}
     return pose, home
 
 
@@ -116,7 +116,7 @@ def _assembled(tree: Tree, own: Sequence[str], u: object, name: str, mechanism: 
     Of several the one whose joints are turned least.
     """
     rng = np.random.default_rng(SEED)
-    start, size = dict(at_home(tree, STARTS).values), mechanism.reach
+    start, size = at_home(tree, STARTS), mechanism.reach
     for joint in own:
         dof = tree.joints[joint]
         drawn = rng.uniform(-1.0, 1.0, (STARTS, 3))
@@ -131,10 +131,10 @@ def _assembled(tree: Tree, own: Sequence[str], u: object, name: str, mechanism: 
     for joint, (leader, slope) in tree.coupled.items():
         start[joint] = slope * start[leader]
     held = [n for n in tree.joints if n not in own or n == name]
-    state, gap = closed(tree, TreeState(start), size, held)
+    state, gap = closed(tree, start, size, held)
     size_of = np.zeros(STARTS)
     for joint in own:
-        value = state.values[joint]
+        value = state[joint]
         if tree.joints[joint].kind == "ball":
             size_of += np.arccos(np.clip(0.5 * (np.trace(value, axis1=1, axis2=2) - 1.0), -1, 1))
         elif joint != name:
@@ -144,7 +144,7 @@ def _assembled(tree: Tree, own: Sequence[str], u: object, name: str, mechanism: 
         raise NoResult(f"the joints of limb '{name}' do not close at home, by "
                        f"{gap.min() * 1e3:.3g} mm", mechanism.source,
                        "Look with `ppmcal check` whether home is on the limbs' surfaces")
-    return TreeState({n: v[best:best + 1] for n, v in state.values.items()})
+    return {n: v[best:best + 1] for n, v in state.items()}
 
 
 @dataclass(frozen=True, eq=False)

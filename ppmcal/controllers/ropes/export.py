@@ -100,11 +100,7 @@ def export_ropes(firmware: RopeFirmware, mechanism: Mechanism, old: Path | None,
     ropes, nominal = (rope_geometry(m, order) for m in (mechanism, mechanism.nominal()))
     frame, exact = _anchors(firmware, mechanism, ropes)
     new = np.round(exact, firmware.decimals) + 0.0
-    if old is None:
-        drawn = _anchors(firmware, mechanism.nominal(), nominal)[1]
-        present = np.round(drawn, firmware.decimals) + 0.0
-    else:
-        present = firmware.read(read_text(old, limit=TABLE_BYTES), str(old))
+    present = _present(firmware, mechanism.nominal(), nominal, old)
     if mechanism.motion.planar and not new[:, 2].any():
         present[:, 2] = 0.0     # joint values are lengths in the plane, whatever the file says
     wanted = default_grid(mechanism).poses(mechanism)
@@ -146,6 +142,15 @@ def _anchors(firmware: RopeFirmware, mechanism: Mechanism, ropes: RopeGeometry
     """Return the firmware's frame in a machine, and the anchors (k, 3) in that, mm."""
     frame = firmware.frame(mechanism, ropes)
     return frame, np.asarray(frame.inside(ropes.anchors) / MM)
+
+
+def _present(firmware: RopeFirmware, mechanism: Mechanism, ropes: RopeGeometry, old: Path | None
+             ) -> Array:
+    """Return the anchors in use (k, 3), mm: of the old file, else of the nominal machine."""
+    if old is None:
+        anchors = _anchors(firmware, mechanism, ropes)[1]
+        return np.asarray(np.round(anchors, firmware.decimals) + 0.0)
+    return firmware.read(read_text(old, limit=TABLE_BYTES), str(old))
 
 
 def _parts(firmware: RopeFirmware, names: list[str], longer: Array, apart: Array) -> Iterator[str]:
