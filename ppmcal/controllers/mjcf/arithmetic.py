@@ -83,11 +83,11 @@ class Tree:
         return out
 
 
-TreeState = Mapping[str, Array]
+TreeState = dict[str, Array]
 """N poses of a tree: slides and hinges from home (N,), balls as matrices (N, 3, 3), by name."""
 
 
-def at_home(tree: Tree, rows: int) -> dict[str, Array]:
+def at_home(tree: Tree, rows: int) -> TreeState:
     """Return ``rows`` times the state of the file."""
     return {n: np.tile(np.eye(3), (rows, 1, 1)) if d.kind == "ball" else np.zeros(rows)
             for n, d in tree.joints.items()}
