@@ -15,7 +15,7 @@ from ppmcal.io import read_mechanism
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import group_name, own_values, together
 from ppmcal.io.results.scene import Scene
-from ppmcal.io.results.scene_parts import SceneEffect, SceneFrame, SceneMachine
+from ppmcal.io.results.scene_parts import QUIET, SceneEffect, SceneFrame, SceneMachine
 from ppmcal.io.results.scene_rows import POINTS, FittedRows, placed_rows, with_next, with_poses
 from ppmcal.linalg import Array
 from ppmcal.model.effects import GEOMETRY, effect_kinds
@@ -97,7 +97,7 @@ def _moved(frame: SceneFrame) -> str:
 def findings(scene: Scene) -> list[str]:
     """Return what needs a look, in words: at home, and how often at the other poses."""
     frames = scene.machines[0].frames
-    out = [f"At home {mark.text}." for mark in frames[0].marks if mark.kind != "shared"]
+    out = [f"At home {mark.text}." for mark in frames[0].marks if mark.kind not in QUIET]
     at_home = {(mark.kind, mark.limbs) for mark in frames[0].marks}
     elsewhere: dict[tuple[str, tuple[int, ...]], list[tuple[str, str]]] = {}
     for frame in frames[1:]:
@@ -113,10 +113,13 @@ def findings(scene: Scene) -> list[str]:
 
 def _notes(scene: Scene) -> list[str]:
     out = list(scene.notes)
-    shared = [m.text for m in scene.machines[0].frames[0].marks if m.kind == "shared"]
-    if shared:
-        out.append(f"Joints in one place: {', '.join(shared)}. Right where they are one joint; "
-                   "else a point of theirs is wrong.")
+    marks = scene.machines[0].frames[0].marks
+    for kind, what, right in (("shared", "Joints in one place", "are one joint"),
+                              ("touching", "Links that touch at home", "are drawn so")):
+        limbs = [m.text for m in marks if m.kind == kind]
+        if limbs:
+            out.append(f"{what}: {', '.join(limbs)}. Right where they {right}; else a point of "
+                       "theirs is wrong.")
     if len(scene.machines) > 1:
         out.append(f"Over the {scene.machines[0].name} machine: {scene.machines[1].name}, at the "
                    f"same joint values, their differences drawn {number(scene.magnification, 6)} "

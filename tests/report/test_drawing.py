@@ -12,6 +12,8 @@ from helpers import constrained
 from helpers.commands import ppmcal
 from helpers.machines import CASES, KINDS, mechanism_text, plain, read_text
 from helpers.paths import ROOT
+from helpers.redundant import machine as redundant_machine
+from helpers.redundant import rope_cage
 
 import ppmcal as face
 from ppmcal.errors import BadInput
@@ -144,6 +146,17 @@ def test_joints_in_one_place_are_said_but_no_alarm():
     page = drawing_page(Scene.of(replace(machine.with_values(g), parameters=tuple(
         replace(p, nominal=p.value) for p in machine.with_values(g).parameters))))
     assert "Joints in one place: leg1 and leg2." in page and 'class="m-look"' not in page
+
+
+def test_ropes_that_touch_as_drawn_are_said_but_no_alarm(tmp_path):
+    cage = rope_cage()
+    page = drawing_page(Scene.of(redundant_machine(tmp_path, cage)))
+    assert "Links that touch at home: r1 and r5, r2 and r6, r3 and r7, r4 and r8." in page
+    assert 'class="m-look"' not in page and "e-13 mm" not in page
+    cage["limbs"][0]["platform"]["point"][0] += 40     # in each other's way, not in one point
+    scene = Scene.of(redundant_machine(tmp_path, cage))
+    assert re.match(r"At home links of r1 and r5 are 2\d mm apart\.", findings(scene)[0])
+    assert {m.kind for m in scene.machines[0].frames[0].marks} == {"links", "touching"}
 
 
 def test_the_other_branch_of_a_limb_is_another_line():

@@ -37,6 +37,8 @@ THICKNESS = 0.01
 """A link is drawn so thick, in parts of the reach."""
 STRETCHED = 0.05
 """A limb is marked where its transmission is below this: 3 degrees from straight."""
+TOUCHING = 1e-9
+"""Limbs nearer than this part of the reach have a point in common, to round-off."""
 SINGULAR = 0.02
 """A machine is marked where its smallest singular value is below this, as at home by `check`."""
 
@@ -102,20 +104,27 @@ def _beyond_travel(model: Model, q: Array, limbs: Sequence[LimbSkeleton],
 
 
 def _too_near(model: Model, limbs: Sequence[LimbSkeleton], out: list[list[SceneMark]]) -> None:
-    """Add joints and links of two limbs that are nearer than a link is drawn thick."""
+    """Add joints and links of two limbs that are nearer than a link is drawn thick.
+
+    Joints that are in one place everywhere, and links of space that touch at home, are so by
+    design, or by a mistake in a point: once, and no alarm.
+    """
     mechanism = model.mechanism
     for found in interferences(limbs, THICKNESS * mechanism.reach,
                                [limb.actuator for limb in mechanism.limbs]):
         names = " and ".join(limbs[i].name for i in found.limbs)
+        what = "joints" if found.joints else "links"
+        crossing = not found.joints and mechanism.motion.planar
+        drawn = found.distance[0] < TOUCHING * mechanism.reach and not crossing and (
+            found.fixed or not found.joints)
         for n in np.flatnonzero(np.isfinite(found.distance)).tolist():
-            if found.fixed and n:
+            if (found.fixed or drawn) and n:
                 continue
-            kind, text = ("joints" if found.joints else "links"), (
-                f"{'joints' if found.joints else 'links'} of {names} are "
-                f"{mechanism.units.words(found.distance[n], 'length', 2)} apart")
-            if found.fixed and found.joints and found.distance[n] < 1e-9 * mechanism.reach:
-                kind, text = "shared", names
-            elif not found.joints and mechanism.motion.planar:
+            kind, text = what, (f"{what} of {names} are "
+                                f"{mechanism.units.words(found.distance[n], 'length', 2)} apart")
+            if drawn:
+                kind, text = ("shared" if found.joints else "touching"), names
+            elif crossing:
                 text = f"links of {names} cross, unless they lie in layers"
             out[n].append(SceneMark.filled(None, mechanism.units, kind=kind, limbs=found.limbs,
                                            text=text, points=[found.place[n]]))

@@ -64,11 +64,16 @@ class PlacedLimb(Part):
     gap_ends: Length[tuple[Point, Point] | None] = None
 
 
+QUIET = ("shared", "touching")
+"""Marks of two joints in one place, or two links that touch, by design or by a mistake: their text
+is the limbs."""
+
+
 class SceneMark(Part):
     """What needs a look at one pose: limbs, words, and the places where it is.
 
-    ``kind``: ``gap``, ``stretched``, ``singular``, ``travel``, ``joints``, ``links``; ``shared`` of
-    two joints that are one by design, or by a mistake: its text is their limbs.
+    ``kind``: ``gap``, ``stretched``, ``singular``, ``travel``, ``joints``, ``links``; and those of
+    :data:`QUIET`.
     """
 
     kind: Text

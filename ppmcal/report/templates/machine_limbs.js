@@ -166,8 +166,9 @@
     }));
   };
 
-  // joints that are one by design need no look
-  M.marks = (frame) => (frame.marks || []).filter((mark) => mark.kind !== "shared");
+  // joints in one place and links that touch by design need no look
+  M.marks = (frame) => (frame.marks || []).filter(
+    (mark) => !["shared", "touching"].includes(mark.kind));
 
   // what needs a look: limbs in red, the gap of one that is open, places where two meet
   M.markTraces = (c, machine, frame) => {
