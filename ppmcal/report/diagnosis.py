@@ -57,6 +57,7 @@ from ppmcal.report.identified import calibration, is_fit
 from ppmcal.report.kind import Chapter, Folder, Kind
 from ppmcal.report.records import Diagnosed, ReportData
 from ppmcal.report.residual_figures import coordinate_figures, residual_figures
+from ppmcal.report.rows import DataRows
 from ppmcal.report.section import Section, filled
 from ppmcal.report.validation import days
 from ppmcal.report.validation import drawings as of_days
@@ -66,9 +67,9 @@ from ppmcal.wording import actuator_list
 def drawings(d: Diagnosed) -> dict[str, list[Drawing]]:
     """Return the pictures of a diagnosis."""
     r = d.record
+    rows = None if d.residuals is None else DataRows(d.folder, d.residuals, r.units)
     return {**pictures(r), "days": of_days(r.validation),
-            "residuals": residual_figures(d.residuals, r.units, d.folder),
-            "coordinates": coordinate_figures(d.residuals, r.units, fit=d.folder)}
+            "residuals": residual_figures(rows), "coordinates": coordinate_figures(rows)}
 
 
 def diagnosis_section(d: Diagnosed) -> Section:

@@ -47,7 +47,7 @@ from ppmcal.report.html import (
 )
 from ppmcal.report.records import Identified
 from ppmcal.report.residual_figures import coordinate_figures, residual_figures
-from ppmcal.report.rows import rows_section
+from ppmcal.report.rows import DataRows, rows_section
 from ppmcal.report.section import Section, filled
 from ppmcal.report.verdict import figure
 from ppmcal.wording import MOST, abbreviate_list
@@ -260,9 +260,8 @@ def correlations(r: IdentificationRecord) -> Section | None:
 
 def drawings(one: Identified, index: int = 0) -> dict[str, list[Drawing]]:
     """Return the pictures of residuals: of all together, and of each coordinate."""
-    t, units = one.residuals, one.record.units
-    return {"residuals": residual_figures(t, units, index, one.measured),
-            "coordinates": coordinate_figures(t, units, one.positions, index, one.measured)}
+    rows = DataRows.of(one, index)
+    return {"residuals": residual_figures(rows), "coordinates": coordinate_figures(rows)}
 
 
 def plots(one: Identified, index: int) -> list[Section]:

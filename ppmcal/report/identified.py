@@ -126,7 +126,7 @@ def _shown(one: Identified, _: ReportData) -> dict[str, Any]:
     if one.residuals is not None:
         out["residuals"] = {
             "rows": one.residuals.size, "used": int(used(one.residuals).sum()),
-            "white_rms": white(one.residuals).rms,
+            "white_rms": white(one.residuals, one.freedoms).rms,
             "excluded": [{"dataset": e.dataset, "row": e.row, "reason": e.reason}
                          for e in excluded_rows(one)]}
     return out

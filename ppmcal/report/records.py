@@ -89,6 +89,11 @@ class Identified:
         """The mechanism's name, or the folder."""
         return self.record.name or self.folder
 
+    @property
+    def freedoms(self) -> int:
+        """Coordinates of the platform's pose, 0 where unknown."""
+        return len(self.record.measured_volume)
+
 
 @dataclass(frozen=True)
 class Simulated:

@@ -12,8 +12,8 @@ from ppmcal.io.csv import Table
 from ppmcal.io.results.commands import predicted_errors
 from ppmcal.io.results.identification_tables import (
     ResidualNorm,
-    WhiteResiduals,
     coordinates,
+    gap_share,
     norms,
     quantity_of,
     rms,
@@ -40,10 +40,9 @@ from ppmcal.plotting.layers import (
 )
 from ppmcal.plotting.plot import BOTTOM, LEFT, RIGHT, TOP, Axis, Plot, span
 from ppmcal.report.html import count, sig, whole, with_label, with_unit
-from ppmcal.report.records import CheckedRows, MeasuredRows
+from ppmcal.report.records import CheckedRows
 from ppmcal.report.rows import DataRows
 from ppmcal.report.thinning import BINS, POINTS, envelope, evenly_spread
-from ppmcal.units import Units
 
 
 def plane(rows: DataRows, unit: str) -> list[Drawing | None]:
@@ -133,47 +132,29 @@ ROWS = "row, in the order of the file"
 BEFORE_AFTER = (("before", "before"), ("after", "after"))
 
 
-def residual_figures(table: Table | None, units: Units, fit: int | str = 0,
-                     measured: MeasuredRows | None = None) -> list[Drawing]:
-    """Return the pictures of all residuals together: over their noise, and as norms by row.
-
-    Args:
-        table: residuals.csv.
-        units: of its columns.
-        fit: which identification of the page it is, for the keys of its rows.
-        measured: the rows in their own files.
-    """
-    if table is None or not table.size:
+def residual_figures(rows: DataRows | None) -> list[Drawing]:
+    """Return the pictures of all residuals together: over their noise, and as norms by row."""
+    if rows is None or not rows.table.size:
         return []
-    rows = DataRows(fit, table, units, None, measured)
-    out = [histogram(white(table))]
-    out += [by_row(rows, n, units.name(n.quantity)) for n in norms(table)]
+    out = [histogram(rows), *(by_row(rows, n, rows.units.name(n.quantity))
+                              for n in norms(rows.table))]
     return [p for p in out if p is not None]
 
 
-def coordinate_figures(table: Table | None, units: Units, positions: Array | None = None,
-                       fit: int | str = 0, measured: MeasuredRows | None = None
-                       ) -> list[Drawing]:
-    """Return the pictures of each measured coordinate, and those in the plane.
-
-    Args:
-        table: residuals.csv.
-        units: of its columns.
-        positions: measured x, y (N, 2) of its rows.
-        fit: which identification of the page it is, for the keys of its rows.
-        measured: the rows in their own files.
-    """
-    if table is None or not table.size:
+def coordinate_figures(rows: DataRows | None) -> list[Drawing]:
+    """Return the pictures of each measured coordinate, and those in the plane."""
+    if rows is None or not rows.table.size:
         return []
-    rows, have = DataRows(fit, table, units, positions, measured), coordinates(table)
+    have, units = coordinates(rows.table), rows.units
     out = [coordinate(rows, c, units.name(quantity_of(c))) for c in have]
     if "x" in have and "y" in have:
         out += plane(rows, units.length)
     return [p for p in out if p is not None]
 
 
-def histogram(found: WhiteResiduals) -> Drawing | None:
+def histogram(rows: DataRows) -> Drawing | None:
     """Return white residuals with the normal curve that they should follow."""
+    found, share = white(rows.table, rows.freedoms), gap_share(rows.table, rows.freedoms)
     values, size = found.values, found.values.size
     if found.rms is None or size < 4:
         return None
@@ -183,13 +164,15 @@ def histogram(found: WhiteResiduals) -> Drawing | None:
     curve = np.linspace(-5.0, 5.0, 101)
     normal = np.exp(-0.5 * curve**2) / np.sqrt(2.0 * np.pi)
     far = f" {count(found.far, 'value')} beyond 5 sigma in the outer bars." if found.far else ""
+    fitted = (f" Sigma of gaps: {share:.2g} of the limbs' noise, since each row's pose is fitted "
+              "to all of them." if share < 1.0 else "")
     return Plot(
         Axis(-5.0, 5.0), Axis(0.0, 1.08 * max(float(density.max()), 0.42)),
         ("residual / sigma", "density"),
         [Histogram(edges, density), Polyline(curve, normal, "what pure noise gives")]).drawing(
         "Residuals over their noise, after",
         f"{count(size, 'value')}, rms {sig(found.rms)}; line: what pure noise gives "
-        f"(rms 1).{far}", f"Histogram of {size} values with the standard normal curve; "
+        f"(rms 1).{far}{fitted}", f"Histogram of {size} values with the standard normal curve; "
         f"their rms is {found.rms:.2f}.")
 
 
@@ -218,7 +201,7 @@ def coordinate(rows: DataRows, name: str, unit: str) -> Drawing | None:
     inside = np.where(keep, values, np.nan)
     if not np.isfinite(inside).any():
         return None
-    two = 2.0 * typical_sigma(table, name)
+    two = 2.0 * typical_sigma(table, name, rows.freedoms)
     caption = f"Band: ±2 sigma of the noise ({with_unit(two, unit)})." if two else ""
     return Plot(
         Axis(0.0, table.size + 1.0), span(np.append(inside, two), zero=True),

@@ -129,6 +129,7 @@ class DataRows:
         units: of its columns.
         positions: measured x, y (N, 2), nan where unknown; None: all are.
         measured: the rows in the files that were fitted; None where these are not at hand.
+        freedoms: coordinates of a pose, which joint values alone have fitted row by row.
     """
 
     fit: int | str
@@ -136,6 +137,13 @@ class DataRows:
     units: Units
     positions: Array | None = None
     measured: MeasuredRows | None = None
+    freedoms: int = 0
+
+    @classmethod
+    def of(cls, one: Identified, index: int) -> DataRows | None:
+        """Return the rows of an identification, ``index`` on the page; None without any."""
+        return cls(index, one.residuals, one.record.units, one.positions, one.measured,
+                   one.freedoms) if one.residuals is not None else None
 
     def points(self, index: NDArray[np.integer[Any]]) -> Points:
         """Return what some rows (M,), counted from 0, are."""
@@ -195,7 +203,7 @@ def rows_section(one: Identified, index: int) -> Section | None:
     t = one.residuals
     if t is None or not t.size:
         return None
-    ratio, keep = times_noise(t), used(t)
+    ratio, keep = times_noise(t, one.freedoms), used(t)
     order = np.argsort(-np.nan_to_num(ratio, nan=-1.0), kind="stable")[:SHOWN]
     parts = norms(t)
     heads = ["row", "data set", "times its noise"]

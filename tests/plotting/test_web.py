@@ -41,6 +41,7 @@ from ppmcal.report import collect, to_html
 from ppmcal.report.figure_files import TITLES
 from ppmcal.report.html import script_json
 from ppmcal.report.residual_figures import residual_figures
+from ppmcal.report.rows import DataRows
 from ppmcal.report.thinning import POINTS
 
 PLOTTING = Path(plotting.__file__).parent
@@ -196,7 +197,7 @@ def test_every_row_is_a_point_with_its_key(fit):
     table = one.residuals
     keys = [row_key(0, d, n) for d, n in zip(table.words("dataset"), row_numbers(table).tolist(),
                                             strict=True)]
-    for drawing in residual_figures(table, one.record.units):
+    for drawing in residual_figures(DataRows(0, table, one.record.units)):
         rows = [t for t in spec(drawing)["data"] if "customdata" in t]
         if not rows:
             assert "sigma" in " ".join(drawing.content.names)
@@ -208,7 +209,7 @@ def test_every_row_is_a_point_with_its_key(fit):
         assert set(found) <= set(keys) and set(found) <= set(told(drawing))
         unit = "deg" if "r" in drawing.title.split(" of ")[-1][:1] else "mm"
         assert all(unit in t for trace in rows for t in hovers(trace)), drawing.title
-    assert "row 7" in told(residual_figures(table, one.record.units)[1])[keys[6]]
+    assert "row 7" in told(residual_figures(DataRows(0, table, one.record.units))[1])[keys[6]]
 
 
 def test_other_columns_of_the_rows_are_told(fit, tmp_path):
@@ -218,7 +219,7 @@ def test_other_columns_of_the_rows_are_told(fit, tmp_path):
     (folder / "residuals.csv").write_text("\n".join(
         [text[0] + ",temperature,approach,x", *more, ""]))
     one = collect([folder]).identified[0]
-    known = told(residual_figures(one.residuals, one.record.units)[1])
+    known = told(residual_figures(DataRows.of(one, 0))[1])
     assert "temperature: 21.5" in known["0:run:5"] and "x 4.0000 mm" in known["0:run:5"]
 
 

@@ -165,7 +165,7 @@ class ResidualNorm:
 
 @dataclass(frozen=True)
 class WhiteResiduals:
-    """All residuals of used rows over their sigma, flat.
+    """All residuals of used rows over their noise, flat.
 
     ``rms`` is 1 where all is noise, None without any; ``far``: how many are beyond :data:`FAR`.
     """
@@ -230,12 +230,34 @@ def norm(parts: Array | Sequence[Array]) -> Array:
     return np.where(seen.any(axis=0), total, np.nan)
 
 
-def white(table: Table) -> WhiteResiduals:
-    """Return the white residuals of used rows."""
+def gap_share(table: Table, freedoms: int) -> float:
+    """Return the part of its noise that a gap of rows of joint values alone shows.
+
+    Each row's pose of f coordinates is fitted to d closure equations. Of their noise, white, the
+    residuals are what a projection onto d - f dimensions leaves, so that the sum of the squares of
+    gaps over their sigma is d - f a row: their rms is sqrt((d - f) / d). How that is shared among
+    the limbs of a row differs from pose to pose.
+
+    Args:
+        table: residuals.csv.
+        freedoms: f, 0 where unknown: then 1.
+    """
+    equations = sum(c.startswith(GAP) for c in coordinates(table))
+    return float(np.sqrt(1.0 - freedoms / equations)) if equations > freedoms else 1.0
+
+
+def noise(table: Table, coordinate: str, freedoms: int = 0) -> Array:
+    """Return the standard deviation of a residual that is noise alone (N,); see `gap_share`."""
+    share = gap_share(table, freedoms) if coordinate.startswith(GAP) else 1.0
+    return share * table.number(f"sigma_{coordinate}")
+
+
+def white(table: Table, freedoms: int = 0) -> WhiteResiduals:
+    """Return the white residuals of used rows; ``freedoms``: as :func:`gap_share`."""
     keep = used(table)
     out = []
     for c in coordinates(table):
-        sigma = table.number(f"sigma_{c}")
+        sigma = noise(table, c, freedoms)
         ratio = np.divide(table.number(f"after_{c}"), sigma, where=sigma > 1e-160,
                           out=np.full(table.size, np.nan))[keep]
         out.append(np.clip(ratio[np.isfinite(ratio)], -1e100, 1e100))
@@ -244,10 +266,10 @@ def white(table: Table) -> WhiteResiduals:
                           int(np.sum(np.abs(values) > FAR)))
 
 
-def times_noise(table: Table) -> Array:
-    """Return how far each row is from the model: rms of its residuals over their sigma (N,)."""
+def times_noise(table: Table, freedoms: int = 0) -> Array:
+    """Return how far each row is from the model: rms of its residuals over their noise (N,)."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        ratios = np.stack([table.number(f"after_{c}") / table.number(f"sigma_{c}")
+        ratios = np.stack([table.number(f"after_{c}") / noise(table, c, freedoms)
                            for c in coordinates(table)] or [np.full(table.size, np.nan)])
         seen = np.isfinite(ratios)
         total = np.sum(np.where(seen, ratios, 0.0) ** 2, axis=0)
@@ -255,8 +277,8 @@ def times_noise(table: Table) -> Array:
     return out
 
 
-def typical_sigma(table: Table, coordinate: str) -> float:
-    """Return the median sigma of a coordinate over used rows, 0 where none is known."""
-    sigma = table.number(f"sigma_{coordinate}")[used(table)]
+def typical_sigma(table: Table, coordinate: str, freedoms: int = 0) -> float:
+    """Return the median noise of a coordinate over used rows, 0 where none is known."""
+    sigma = noise(table, coordinate, freedoms)[used(table)]
     sigma = sigma[np.isfinite(sigma)]
     return float(np.median(sigma)) if sigma.size else 0.0
