@@ -16,9 +16,8 @@ from ppmcal.io.results.certificate import (
     title,
 )
 from ppmcal.report.html import definitions, number_cell, paragraph, table, text_cell, typeset
-from ppmcal.report.kind import Kind, recorded
 from ppmcal.report.records import Held, ReportData
-from ppmcal.report.section import Section
+from ppmcal.report.section import Kind, Section, recorded
 
 
 def certificate_section(one: Held[CertificateRecord]) -> Section:

@@ -7,15 +7,23 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ppmcal.errors import BadInput
-from ppmcal.report.kind import Folder
+from ppmcal.io.results.truth import ComparedMachines, compared
+from ppmcal.io.tables import read_table
+from ppmcal.linalg import Array
 from ppmcal.report.kinds import KINDS, KNOWN
-from ppmcal.report.records import ReportData
+from ppmcal.report.records import Identified, ReportData, Simulated
 from ppmcal.report.rows import with_measured
-from ppmcal.report.truth import compare, with_copies
+from ppmcal.report.section import Folder
 from ppmcal.store.folder import CAMPAIGNS, RECORD
+from ppmcal.store.inputs import digest_of
 from ppmcal.store.transaction import recover
 from ppmcal.wording.progress import stage
+
+ROUND_OFF = 1e-11
+"""Measurements are the same where they differ by less than this part of a column's largest."""
 
 
 @stage("reading the results")
@@ -93,3 +101,39 @@ def _refuse_strange(folder: Path) -> None:
         if inner:
             hint += f" Did you mean its folders {', '.join(inner[:8])}?"
         raise BadInput("holds no output of a ppmcal command", str(folder), hint)
+
+
+def compare(identified: Sequence[Identified], simulated: Sequence[Simulated]
+            ) -> tuple[ComparedMachines, ...]:
+    """Return one comparison for each identification whose measurements were simulated here."""
+    found = [compared(source.truth, one.record.parameters, (source.folder, one.folder))
+             for one in identified for source in simulated
+             if source.truth is not None and source.behind(one)]
+    return tuple(c for c in found if c.rows)
+
+
+def with_copies(one: Simulated, identified: Sequence[Identified]) -> Simulated:
+    """Find the inputs of identifications that hold the same measurements to round-off."""
+    if one.truth is None or not one.digest:
+        return one
+    file, copies = Path(one.folder) / "measurements.csv", set[str]()
+    for fit in identified:
+        copies |= {own for name, own in fit.record.provenance.inputs.items()
+                   if name.endswith(".csv") and own not in ("", one.digest)
+                   and digest_of(Path(name)) == own and _same_numbers(file, Path(name))}
+    return replace(one, copies=tuple(sorted(copies)))
+
+
+def _same_numbers(one: Path, other: Path) -> bool:
+    """Whether two CSV files have the same columns, and numbers that differ by round-off at most."""
+    try:
+        a, b = (read_table(p, loose=lambda _: True, rowless=True) for p in (one, other))
+    except BadInput:
+        return False
+    return (a.header, a.size, a.text) == (b.header, b.size, b.text) and all(
+        _same_column(a.numbers[name], b.numbers[name]) for name in a.numbers)
+
+
+def _same_column(one: Array, other: Array) -> bool:
+    largest = float(np.max(np.abs(one), initial=0.0, where=np.isfinite(one)))
+    return np.allclose(one, other, rtol=0.0, atol=ROUND_OFF * largest, equal_nan=True)

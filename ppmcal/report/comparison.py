@@ -34,9 +34,8 @@ from ppmcal.report.html import (
     to_sigma,
     typeset,
 )
-from ppmcal.report.kind import Folder, Kind
 from ppmcal.report.records import Held, ReportData
-from ppmcal.report.section import Section
+from ppmcal.report.section import Folder, Kind, Section
 from ppmcal.wording import abbreviate_list
 
 SHOWN, PLOTTED = 12, 40

@@ -54,11 +54,10 @@ from ppmcal.report.html import (
     text_cell,
 )
 from ppmcal.report.identified import calibration, is_fit
-from ppmcal.report.kind import Chapter, Folder, Kind
 from ppmcal.report.records import Diagnosed, ReportData
 from ppmcal.report.residual_figures import coordinate_figures, residual_figures
 from ppmcal.report.rows import DataRows
-from ppmcal.report.section import Section, filled
+from ppmcal.report.section import Chapter, Folder, Kind, Section, filled
 from ppmcal.report.validation import days
 from ppmcal.report.validation import drawings as of_days
 from ppmcal.wording import actuator_list

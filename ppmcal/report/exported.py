@@ -28,9 +28,8 @@ from ppmcal.report.html import (
     table,
     text_cell,
 )
-from ppmcal.report.kind import Kind, recorded
 from ppmcal.report.records import Held, ReportData
-from ppmcal.report.section import Section, filled
+from ppmcal.report.section import Kind, Section, filled, recorded
 from ppmcal.report.verdict import verdicts
 from ppmcal.wording import sentence
 

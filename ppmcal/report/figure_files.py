@@ -16,8 +16,7 @@ from ppmcal.plotting.picture import sheet
 from ppmcal.plotting.style import png as to_png
 from ppmcal.plotting.svg import svg
 from ppmcal.report.diagnosis_figures import pictures
-from ppmcal.report.kinematics_figures import kinematics_figures
-from ppmcal.report.kinematics_motion import drawn_columns
+from ppmcal.report.kinematics_figures import drawn_columns, kinematics_figures
 from ppmcal.report.validation import drawings, lead
 
 PNG_SCALE = 2.5

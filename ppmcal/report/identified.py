@@ -24,10 +24,9 @@ from ppmcal.io.results.identification_wording import (
 from ppmcal.io.results.parts import campaign_sentences
 from ppmcal.report.html import count, part, with_unit
 from ppmcal.report.identification import drawings, excluded_rows, identified_section
-from ppmcal.report.kind import Chapter, Folder, Kind
 from ppmcal.report.machine_section import machine_drawings, machine_section
 from ppmcal.report.records import Identified, ReportData
-from ppmcal.report.section import Section, chapter, filled
+from ppmcal.report.section import Chapter, Folder, Kind, Section, chapter, filled
 from ppmcal.report.verdict import IN_THE_FIT, figure, headline, unseen
 from ppmcal.wording import abbreviate_list
 

@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from ppmcal.report.certified import CERTIFY
+from ppmcal.report.checked_rows import COMPENSATE, KINEMATICS
 from ppmcal.report.comparison import COMPARE
-from ppmcal.report.compensation import COMPENSATE
-from ppmcal.report.design import DESIGN
+from ppmcal.report.design import DESIGN, OTHER
 from ppmcal.report.diagnosis import DIAGNOSE
 from ppmcal.report.exported import EXPORT
 from ppmcal.report.identified import IDENTIFY
-from ppmcal.report.kind import Kind
-from ppmcal.report.kinematics import KINEMATICS
-from ppmcal.report.other import OTHER
+from ppmcal.report.section import Kind
 from ppmcal.report.simulated import SIMULATE, TRUTH
 from ppmcal.report.validation import VALIDATE
 

@@ -108,6 +108,14 @@ class Simulated:
     digest: str = ""
     copies: tuple[str, ...] = ()
 
+    def behind(self, one: Identified) -> bool:
+        """Whether an identification used these measurements: it names the check sum of a file.
+
+        A campaign that was simulated again elsewhere differs in its last digits: a copy.
+        """
+        inputs = one.record.provenance.inputs.values()
+        return any(d in inputs for d in (self.digest, *self.copies) if d)
+
 
 @dataclass(frozen=True)
 class CheckedRows:

@@ -1,8 +1,8 @@
-"""What the page makes of ``simulate``: what was put in, against what was found."""
+"""What the page makes of ``simulate``: what was put in, against what was found in a fit of it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from functools import partial
 from typing import Any
@@ -21,15 +21,21 @@ from ppmcal.report.html import (
     text_cell,
     to_sigma,
 )
-from ppmcal.report.kind import Chapter, Folder, Kind
-from ppmcal.report.records import ReportData, Simulated
+from ppmcal.report.records import Identified, ReportData, Simulated
 from ppmcal.report.residual_figures import truth_figures
 from ppmcal.report.rows import conditions
-from ppmcal.report.section import Section
-from ppmcal.report.truth import stray_note
+from ppmcal.report.section import Chapter, Folder, Kind, Section
 from ppmcal.report.verdict import other_machine
 from ppmcal.store.inputs import digest_of
 from ppmcal.wording import abbreviate_list, sentence
+
+
+def stray_note(source: Simulated, identified: Sequence[Identified]) -> str:
+    """Return that a truth belongs to none of the identifications shown; empty if it does."""
+    if source.truth is None or not identified or any(source.behind(i) for i in identified):
+        return ""
+    return (f"The truth in {source.folder} belongs to none of the identifications shown: they "
+            "used other measurements, so nothing is compared.")
 
 
 def simulation_section(s: Simulated, note: str = "") -> Section:

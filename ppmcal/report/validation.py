@@ -21,9 +21,8 @@ from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import Layer, Marks, Points, Strokes
 from ppmcal.plotting.plot import Axis, row_y, rows_plot, span
 from ppmcal.report.html import Cell, figures, number_cell, paragraph, sig, table, text_cell, typeset
-from ppmcal.report.kind import Kind, recorded
 from ppmcal.report.records import Held
-from ppmcal.report.section import Section
+from ppmcal.report.section import Kind, Section, recorded
 
 ROW, NAMES = 17.0, 170.0
 """Height of a line and room for names, points."""

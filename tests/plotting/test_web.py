@@ -40,9 +40,8 @@ from ppmcal.plotting.web_layers import add
 from ppmcal.report import collect, to_html
 from ppmcal.report.figure_files import TITLES
 from ppmcal.report.html import script_json
-from ppmcal.report.residual_figures import residual_figures
+from ppmcal.report.residual_figures import POINTS, residual_figures
 from ppmcal.report.rows import DataRows
-from ppmcal.report.thinning import POINTS
 
 PLOTTING = Path(plotting.__file__).parent
 EVIL = "</script><b>%{x}</b> & 'leg' --after"

@@ -21,7 +21,8 @@ from ppmcal.io.results.simulation import ComparedMachines, TruthRecord, TruthRow
 from ppmcal.io.results.validation import ValidationRecord
 from ppmcal.report import to_html, to_json
 from ppmcal.report.batch import batch_page
-from ppmcal.report.other import Other
+from ppmcal.report.collect import compare
+from ppmcal.report.design import Other
 from ppmcal.report.records import (
     CheckedRows,
     Designed,
@@ -31,7 +32,6 @@ from ppmcal.report.records import (
     ReportData,
     Simulated,
 )
-from ppmcal.report.truth import compare
 from ppmcal.store.provenance import Provenance
 from ppmcal.units import Units
 

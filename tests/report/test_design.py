@@ -19,10 +19,8 @@ from helpers.report_files import cells, read
 from ppmcal.errors import BadInput
 from ppmcal.plotting.curves import draw_curves
 from ppmcal.report import collect, to_html, to_json
-from ppmcal.report.design import SHOWN
-from ppmcal.report.design_records import DESIGNS, LARGEST_FILE, MOST, png_size
+from ppmcal.report.design import DESIGNS, LARGEST_FILE, MOST, OTHER, SHOWN, png_size
 from ppmcal.report.kinds import KNOWN
-from ppmcal.report.other import OTHER
 
 TABLES = {"sensitivity": "sensitivity.csv", "tolerances": "tolerances.csv",
           "stiffness": "map.csv", "workspace": "map.csv", "plan": "poses.csv"}

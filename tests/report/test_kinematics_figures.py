@@ -15,8 +15,7 @@ from ppmcal.kinematics.path_rates import rates
 from ppmcal.kinematics.tables import pose_vector, velocity_table
 from ppmcal.report.collect import collect
 from ppmcal.report.html import sig
-from ppmcal.report.kinematics_figures import kinematics_figures
-from ppmcal.report.kinematics_motion import drawn_columns, motion_of
+from ppmcal.report.kinematics_figures import drawn_columns, kinematics_figures, motion_of
 from ppmcal.report.page import to_html
 
 CONFIGS, PATHS = ROOT / "configs", ROOT / "sample_data" / "paths"

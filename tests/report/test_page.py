@@ -30,14 +30,13 @@ from ppmcal.io.results.record import AnyRecord
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.plotting.plot import Axis, span
 from ppmcal.report import collect, to_html, to_json
+from ppmcal.report.collect import compare
+from ppmcal.report.design import OTHER
 from ppmcal.report.html import NBSP, probability, sig, to_sigma, typeset
-from ppmcal.report.kind import Kind
 from ppmcal.report.kinds import KINDS, KNOWN
-from ppmcal.report.other import OTHER
 from ppmcal.report.records import Held, Identified, Simulated
-from ppmcal.report.section import Section
-from ppmcal.report.thinning import envelope, evenly_spread
-from ppmcal.report.truth import compare
+from ppmcal.report.residual_figures import envelope, evenly_spread
+from ppmcal.report.section import Kind, Section
 from ppmcal.store.provenance import Provenance
 from ppmcal.units import Units
 
@@ -506,7 +505,7 @@ def test_a_row_is_told_with_what_its_own_file_says(tmp_path: Path) -> None:
     assert collect([tmp_path / "fit"]).identified[0].measured is None
 
 
-@pytest.mark.parametrize("module", ["page", "collect", "kind", "section", "html"])
+@pytest.mark.parametrize("module", ["page", "collect", "section", "html"])
 def test_what_makes_the_page_names_no_command(module: str) -> None:
     """A kind of output is declared beside its section; `kinds` alone lists them."""
     tree = tree_of(Path(report.__file__).parent / f"{module}.py")
