@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.io.results.truth import ComparedMachines, compared
+from ppmcal.io.results.simulation import ComparedMachines, compared
 from ppmcal.io.tables import read_table
 from ppmcal.linalg import Array
 from ppmcal.report.kinds import KINDS, KNOWN

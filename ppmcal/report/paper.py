@@ -18,7 +18,7 @@ from ppmcal.notes import Note
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.paper import paper
 from ppmcal.report.html import exact, sig, to_sigma
-from ppmcal.report.identification import COLUMNS, errors
+from ppmcal.report.identified import COLUMNS, errors
 from ppmcal.report.kinds import IN_ORDER
 from ppmcal.report.records import Identified, ReportData
 from ppmcal.report.section import free_name, slug

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
+from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_tables import (
     is_measured,
     norms,
@@ -21,11 +22,15 @@ from ppmcal.io.results.identification_tables import (
     times_noise,
     used,
 )
+from ppmcal.io.results.parts import LeftOutRow
 from ppmcal.io.tables import read_table
 from ppmcal.linalg import Array
 from ppmcal.plotting.layers import Points, Undrawn
 from ppmcal.report.html import (
+    MAX_ROWS,
+    count,
     exact,
+    name_cell,
     number,
     number_cell,
     paragraph,
@@ -225,3 +230,58 @@ def rows_section(one: Identified, index: int) -> Section | None:
         "", [*heads, "in the fit"], body, sort=True,
         keys=[row_key(index, names[i], int(counted[i])) for i in order]),
         f"{whole(min(SHOWN, t.size))} of {whole(t.size)}", folded=True)
+
+
+def gross_error_section(found: IdentificationRecord, units: Mapping[str, str], index: int
+                        ) -> Section | None:
+    """Return what the rows left out said, and what they would have done to the parameters."""
+    rows = [[text_cell(r.dataset), number_cell(r.row, exact(r.row)), text_cell(r.coordinate),
+             *(number_cell(v, exact(v, 6)) for v in (r.value, r.predicted)), text_cell(r.unit),
+             number_cell(r.times)] for r in found.gross_errors]
+    out = table(_first("What those rows say, and what all others say of them", len(rows)),
+                ["data set", "row", "number", "measured", "the others say", "unit",
+                 "times the noise"], rows[:MAX_ROWS], sort=True,
+                keys=[row_key(index, r.dataset, r.row or 0) for r in found.gross_errors[:MAX_ROWS]])
+    body = [[name_cell(name), *(number_cell(v, exact(v, 6)) for v in (now, then)),
+             text_cell(units.get(name, ""))]
+            for name, e in found.would_be.items()
+            if (now := e.get("now")) is not None and (then := e.get("with_them")) is not None]
+    out += table(_first("What parameters would be with them", len(body)),
+                 ["parameter", "now", "with them", "unit"], body[:MAX_ROWS], sort=True)
+    if not out:
+        return None
+    note = "These rows were left out because the others contradict them."
+    if any(r.repeats for r in found.gross_errors):
+        note += (" Of a joint's reading (q_...) the others are those at the same place, and the "
+                 "noise is how they scatter.")
+    return Section("Gross errors", paragraph(note, "note") + out, folded=True)
+
+
+def _first(caption: str, size: int) -> str:
+    return caption + (f"; the first {MAX_ROWS} of {size}" if size > MAX_ROWS else "")
+
+
+def excluded(one: Identified, index: int) -> Section | None:
+    """Return the rows that the fit left out, with reasons."""
+    entries = excluded_rows(one)
+    if not entries:
+        return None
+    rows = [[text_cell(e.dataset), number_cell(e.row, exact(e.row)), text_cell(e.reason, "wrap")]
+            for e in entries[:MAX_ROWS]]
+    more = (f"the first {MAX_ROWS} of {whole(len(entries))}; residuals.csv has them all"
+            if len(entries) > MAX_ROWS else "")
+    keys = [row_key(index, e.dataset, e.row or 0) for e in entries[:MAX_ROWS]]
+    return Section(f"{count(len(entries), 'row')} left out of the fit",
+                   table(more, ["data set", "row", "reason"], rows, sort=True, keys=keys),
+                   folded=True)
+
+
+def excluded_rows(one: Identified) -> tuple[LeftOutRow, ...]:
+    """Return the rows left out, from the JSON, else from residuals.csv."""
+    t = one.residuals
+    if "excluded" in one.record.given or t is None:
+        return one.record.excluded
+    row, names, reasons = t.number("row"), t.words("dataset"), t.words("reason")
+    return tuple(LeftOutRow(dataset=names[i], reason=reasons[i],
+                             row=int(row[i]) if np.isfinite(row[i]) else None)
+                 for i in (~used(t)).nonzero()[0])
