@@ -44,6 +44,7 @@ COLOURS = "viridis"
 BANDS = 96
 NO_VALUE = "no value: beyond reach, limits or a singularity"
 NO_POSE, NONE_HERE = "no pose of this map can be reached", "no pose here"
+HATCHED: dict[str, Any] = {"facecolor": GROUND, "edgecolor": HATCH, "hatch": "////"}
 SINGULAR_CURVE = "singular: det A changes sign"
 
 
@@ -167,8 +168,8 @@ def _singular(axes: Axes, x: Array, y: Array, determinant: Array) -> bool:
 def _hatch(axes: Axes) -> Patch:
     """Fill the panel with the hatching of poses without a value; return the legend's patch."""
     axes.add_patch(Rectangle((0.0, 0.0), 1.0, 1.0, transform=axes.transAxes, zorder=0.5,
-                             facecolor=GROUND, edgecolor=HATCH, hatch="////", linewidth=0.0))
-    return Patch(facecolor=GROUND, edgecolor=HATCH, hatch="////", linewidth=0.5)
+                             linewidth=0.0, **HATCHED))
+    return Patch(linewidth=0.5, **HATCHED)
 
 
 def _home(axes: Axes, home: Array) -> Line2D:
@@ -294,9 +295,8 @@ def _gaps(axes: Axes, x: Array, values: Array) -> dict[str, Any]:
     edges = np.concatenate([[left], middle, [right]])
     step = np.diff(np.concatenate([[0], missing.astype(int), [0]]))
     for a, b in zip(np.flatnonzero(step == 1), np.flatnonzero(step == -1), strict=True):
-        axes.axvspan(edges[a], edges[b], facecolor=GROUND, edgecolor=HATCH, hatch="////",
-                     linewidth=0.0, zorder=0.5)
-    return {NO_VALUE: Patch(facecolor=GROUND, edgecolor=HATCH, hatch="////", linewidth=0.5)}
+        axes.axvspan(edges[a], edges[b], linewidth=0.0, zorder=0.5, **HATCHED)
+    return {NO_VALUE: Patch(linewidth=0.5, **HATCHED)}
 
 
 def _crossings(axes: Axes, x: Array, determinant: Array | None) -> dict[str, Any]:

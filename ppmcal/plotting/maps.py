@@ -83,15 +83,13 @@ def _view(mechanism: Mechanism, grid: Grid, values: Array, determinant: Array | 
     home = np.array([mechanism.home_pose[c] / u
                      for c, u in zip(grid.coordinates, units, strict=True)])
     corner = np.array([[level[0] for level in grid.levels]])
-    for axis in range(3, len(levels)):
-        at = int(np.argmin(np.abs(levels[axis] - home[axis])))
-        corner[0, axis] = grid.levels[axis][at]
-    pose = placed(mechanism, grid.coordinates, corner)[0]
     drawn = grid.coordinates[:3]
     for axis in reversed(range(3, len(levels))):
         at = int(np.argmin(np.abs(levels[axis] - home[axis])))
+        corner[0, axis] = grid.levels[axis][at]
         values = np.take(values, at, axis=axis)
         determinant = None if determinant is None else np.take(determinant, at, axis=axis)
+    pose = placed(mechanism, grid.coordinates, corner)[0]
     names = tuple(with_unit(POSE_COORDINATES[c], _unit(mechanism, c)) for c in drawn)
     return MapView(drawn, tuple(levels[:3]), values, determinant, names, home[:3],
                 _held(mechanism, drawn, pose))

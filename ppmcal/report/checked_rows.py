@@ -45,7 +45,7 @@ from ppmcal.report.residual_figures import command_figure
 from ppmcal.report.section import Folder, Kind, Section, filled
 
 
-def refused(rows: CheckedRows) -> Section | None:
+def refused(rows: CheckedRows[Any]) -> Section | None:
     """Return the rows that were refused or have a remark."""
     t = rows.table
     if t is None or not rows.flagged:
@@ -60,7 +60,7 @@ def refused(rows: CheckedRows) -> Section | None:
                    table(more, ["row", "status", "reason"], body, sort=True))
 
 
-def attention(rows: CheckedRows, _: ReportData) -> list[tuple[str, str]]:
+def attention(rows: CheckedRows[Any], _: ReportData) -> list[tuple[str, str]]:
     """Return what the record says, and how many rows did not go well, each with the folder."""
     said = list(getattr(rows.record, "findings", ())) + list(getattr(rows.record, "notes", ()))
     if rows.flagged and rows.table is not None:
@@ -69,7 +69,7 @@ def attention(rows: CheckedRows, _: ReportData) -> list[tuple[str, str]]:
     return [(rows.folder, text) for text in said]
 
 
-def summed_up(rows: CheckedRows, _: ReportData) -> dict[str, Any]:
+def summed_up(rows: CheckedRows[Any], _: ReportData) -> dict[str, Any]:
     """Return the summary of commands.csv or kinematics.csv."""
     t = rows.table
     out: dict[str, Any] = {"folder": rows.folder, "record": rows.record.entries()}
@@ -90,37 +90,33 @@ CHAPTERS = {"path": "Path", "pose": "Pose", "joints": "Joints", "rates": "Rates"
             "singularity": "Distance to singularity"}
 
 
-def _of_kinematics(rows: CheckedRows) -> dict[str, list[Drawing]]:
-    record, columns = rows.record, rows.table
-    return kinematics_figures(record, columns) if (
-        isinstance(record, KinematicsRecord) and columns is not None) else {}
+def _of_kinematics(rows: CheckedRows[KinematicsRecord]) -> dict[str, list[Drawing]]:
+    return {} if rows.table is None else kinematics_figures(rows.record, rows.table)
 
 
-def kinematics_section(rows: CheckedRows) -> Section:
+def kinematics_section(rows: CheckedRows[KinematicsRecord]) -> Section:
     """Return how many rows were solved, and those that were not."""
     size = rows.table.size if rows.table is not None else 0
     done = size - len(rows.flagged)
-    text, parts = f"{solved_sentence(done, size)}." if size else "", []
-    if isinstance(rows.record, KinematicsRecord):
-        modes = rows.record.modes
-        if modes is not None:
-            said = modes_sentence(modes, rows.record.mode_method, rows.record.all_modes)
-            text = (f"{count(sum(modes), 'pose')} in {count(len(modes), 'row')} of "
-                    f"joint values. {said} The machine's own is drawn.")
-        drawn = _of_kinematics(rows)
-        parts = [Section(CHAPTERS[name], figures(drawings), count(len(drawings), "picture"),
-                         folded=name in ("pose", "rates")) for name, drawings in drawn.items()]
+    text, modes = f"{solved_sentence(done, size)}." if size else "", rows.record.modes
+    if modes is not None:
+        said = modes_sentence(modes, rows.record.mode_method, rows.record.all_modes)
+        text = (f"{count(sum(modes), 'pose')} in {count(len(modes), 'row')} of "
+                f"joint values. {said} The machine's own is drawn.")
+    parts = [Section(CHAPTERS[name], figures(drawings), count(len(drawings), "picture"),
+                     folded=name in ("pose", "rates"))
+             for name, drawings in _of_kinematics(rows).items()]
     return Section("Kinematics", paragraph(text) + scalars(rows.record.entries()), rows.folder,
                    parts=filled([*parts, refused(rows)]))
 
 
-def _kinematics_of(folder: Folder) -> Iterator[CheckedRows]:
+def _kinematics_of(folder: Folder) -> Iterator[CheckedRows[KinematicsRecord]]:
     if folder.has("kinematics.csv", "kinematics.json"):
         yield CheckedRows(folder.name, "kinematics", folder.record(KinematicsRecord), folder.table(
             KINEMATICS_TABLE, is_shown))
 
 
-KINEMATICS: Kind[CheckedRows] = Kind(
+KINEMATICS: Kind[CheckedRows[KinematicsRecord]] = Kind(
     "kinematics", "kinematics", "kinematics", 80, ("kinematics.csv", "kinematics.json"),
     _kinematics_of, lambda r, _: [(f"Kinematics in {r.folder}", partial(kinematics_section, r))],
     summed_up, lambda r: [("kinematics", r.record)], attention, lambda r, _: _of_kinematics(r))
@@ -130,7 +126,7 @@ SHOWN = 30
 """Rows of commands.csv that are shown; the file holds them all."""
 
 
-def compensation_section(rows: CheckedRows, lengths: Mapping[str, str]) -> Section:
+def compensation_section(rows: CheckedRows[CommandsRecord], lengths: Mapping[str, str]) -> Section:
     """Return summary, first rows and refused rows of a compensation."""
     t = rows.table
     out = []
@@ -147,14 +143,14 @@ def compensation_section(rows: CheckedRows, lengths: Mapping[str, str]) -> Secti
     if not any(sizes[kind, "corrected"] for kind in KINDS):
         out.append(paragraph("What corrected commands leave is unknown: the model's own "
                              "uncertainty is not in the file.", "note"))
-    if isinstance(rows.record, CommandsRecord) and (parts := rows.record.parts_sentence()):
+    if parts := rows.record.parts_sentence():
         out.append(paragraph(parts))
     out.append(figures(_of_commands(rows, lengths)))
     return Section("Compensation", "".join(out), rows.folder,
                    parts=filled([_commands(t, np.flatnonzero(good)), refused(rows)]))
 
 
-def _of_commands(rows: CheckedRows, lengths: Mapping[str, str]) -> list[Drawing]:
+def _of_commands(rows: CheckedRows[CommandsRecord], lengths: Mapping[str, str]) -> list[Drawing]:
     return [p for k, q in KINDS.items()
             if (p := command_figure(rows, k, lengths.get(q, ""))) is not None]
 
@@ -191,7 +187,7 @@ def _commands(t: Table, rows: Sequence[int] | np.ndarray[Any, Any]) -> Section:
                    + table("", [*heads, *plain], body, sort=True) if body else "")
 
 
-def units_of(rows: CheckedRows, data: ReportData) -> Mapping[str, str]:
+def units_of(rows: CheckedRows[CommandsRecord], data: ReportData) -> Mapping[str, str]:
     """Return the units of errors: its JSON's, else those on which all identifications agree."""
     units = rows.record.units
     if units:
@@ -201,13 +197,13 @@ def units_of(rows: CheckedRows, data: ReportData) -> Mapping[str, str]:
     return asdict(found[0]) if found and all(f == found[0] for f in found) else {}
 
 
-def _commands_of(folder: Folder) -> Iterator[CheckedRows]:
+def _commands_of(folder: Folder) -> Iterator[CheckedRows[CommandsRecord]]:
     if folder.has("commands.csv", "commands.json"):
         yield CheckedRows(folder.name, "commands", folder.record(CommandsRecord),
                            folder.table(COMMAND_TABLE))
 
 
-COMPENSATE: Kind[CheckedRows] = Kind(
+COMPENSATE: Kind[CheckedRows[CommandsRecord]] = Kind(
     "compensated", "compensations", "compensation", 40, ("commands.csv", "commands.json"),
     _commands_of, lambda r, data: [
         (f"Commands in {r.folder}", lambda: compensation_section(r, units_of(r, data)))],

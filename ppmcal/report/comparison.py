@@ -50,7 +50,7 @@ def comparison_section(one: Held[ComparisonRecord]) -> Section:
     r = one.record
     return Section("Comparison of two calibrations", "".join([
         paragraph(verdict(r), "big"), paragraph(typeset(platform_sentence(r))), _changes(r),
-        figures(drawings(r)), _likeliest(r.parameters)]), one.folder)
+        figures([differences(r.parameters)]), _likeliest(r.parameters)]), one.folder)
 
 
 def verdict(r: ComparisonRecord) -> str:
@@ -117,11 +117,6 @@ def _row(p: ParameterDifference) -> list[Cell]:
                       "warn" if p.status == "changed" else "")]
 
 
-def drawings(r: ComparisonRecord) -> list[Drawing]:
-    """Return the picture of a comparison, nothing where there is nothing to compare."""
-    return [p for p in [differences(r.parameters)] if p is not None]
-
-
 def differences(rows: Sequence[ParameterDifference]) -> Drawing | None:
     """Return new minus old of each parameter over its sigma, largest first."""
     seen = [(z, p) for p in rows if (z := p.in_sigmas) is not None]
@@ -186,4 +181,5 @@ COMPARE: Kind[Held[ComparisonRecord]] = Kind(
     lambda one, _: [(f"Comparison in {one.folder}", partial(comparison_section, one))],
     _shown, lambda one: [("compare", one.record)], lambda one, _: [
         (one.folder, text) for text in (*findings(one.record), *one.record.findings)],
-    lambda one, _: {"comparison": drawings(one.record)}, lambda one, _: [verdict(one.record)])
+    lambda one, _: {"comparison": [differences(one.record.parameters)]},
+    lambda one, _: [verdict(one.record)])

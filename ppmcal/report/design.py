@@ -10,7 +10,7 @@ import base64
 import math
 import zlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from html import escape
 from pathlib import Path
@@ -18,7 +18,6 @@ from typing import Any
 
 from ppmcal.codec import AGAIN
 from ppmcal.errors import BadInput
-from ppmcal.io.csv import Table
 from ppmcal.io.results.parts import ShownTable
 from ppmcal.io.results.plan import PlanRecord
 from ppmcal.io.results.record import AnyRecord
@@ -42,7 +41,7 @@ from ppmcal.report.html import (
     table,
     text_cell,
 )
-from ppmcal.report.records import Designed, DesignRecord, Picture, ReportData
+from ppmcal.report.records import CheckedRows, Designed, DesignRecord, Picture, ReportData
 from ppmcal.report.section import Chapter, Folder, Kind, Section, filled
 from ppmcal.report.verdict import finding_text
 from ppmcal.store.inputs import track_input
@@ -160,17 +159,7 @@ def png_size(content: bytes) -> tuple[tuple[int, int], str]:
     return (0, 0), _left_out("it is cut off or damaged")
 
 
-@dataclass(frozen=True)
-class Other:
-    """Any further output: check, a table without its record."""
-
-    folder: str
-    kind: str
-    record: AnyRecord
-    table: Table | None = None
-
-
-def other_section(other: Other) -> Section:
+def other_section(other: CheckedRows[AnyRecord]) -> Section:
     """Return findings, plain facts and the size of any other output."""
     findings = [finding_text(f) for f in other.record.findings or ()]
     clean = other.record.findings is not None and not findings
@@ -194,18 +183,18 @@ def scalars(record: Mapping[str, Any]) -> str:
     return table("", ["what", "value"], pairs)
 
 
-def _others_of(folder: Folder) -> Iterator[Other]:
+def _others_of(folder: Folder) -> Iterator[CheckedRows[AnyRecord]]:
     """Yield output that no other kind takes: of check, or a table without its record."""
     held = {file for kind in designs_in(folder.path) for file in DESIGNS[kind].TABLES}
     for kind, stem in (("check", "check"), ("plan", "poses"), ("map", "map")):
         if f"{stem}.csv" not in held and folder.has(f"{stem}.csv", f"{stem}.json"):
             path = folder.path / f"{stem}.json"
             record = AnyRecord.read(path) if path.is_file() else AnyRecord()
-            yield Other(folder.name, kind, record, folder.table(
+            yield CheckedRows(folder.name, kind, record, folder.table(
                 replace(ANY_TABLE, file=f"{stem}.csv"), lambda _: False))
 
 
-OTHER: Kind[Other] = Kind(
+OTHER: Kind[CheckedRows[AnyRecord]] = Kind(
     "others", "others", "further output", 10,
     ("check.json", "poses.csv", "poses.json", "map.csv"), _others_of,
     lambda o, _: [(f"Output in {o.folder}", partial(other_section, o))],

@@ -35,16 +35,8 @@ def drawing_page(scene: Scene, source: str = "") -> str:
         css=Markup(template_text("machine_page.css") + machine_css()), scripts=machine_scripts())
 
 
-def check_target(path: Path, inputs: Sequence[str] = ()) -> None:
-    """Refuse a place where something other than an earlier drawing is.
-
-    Args:
-        path: of the page to come.
-        inputs: files that are never replaced.
-
-    Raises:
-        BadInput: a folder is there, an input, or a file that ppmcal did not draw.
-    """
+def _check_target(path: Path, inputs: Sequence[str]) -> None:
+    """Refuse a place where something other than an earlier drawing is."""
     head = f'content="{GENERATOR}"'
     try:
         if path.is_dir():
@@ -72,9 +64,10 @@ def write_drawing(path: Path, page: str, inputs: Sequence[str] = ()) -> None:
         inputs: files that are never replaced.
 
     Raises:
-        BadInput: it cannot be written, or would replace what is not a drawing.
+        BadInput: it cannot be written; a folder is there, an input, or a file that ppmcal did
+            not draw.
     """
-    check_target(path, inputs)
+    _check_target(path, inputs)
     output = Output(path.parent, loose=True)
     output.add(path.name, page)
     output.write()

@@ -318,10 +318,7 @@ def joint(motion: TimedRows, name: str) -> Drawing:
     axis = span(np.append(finite, near))
     ends = motion.record.limits.get(actuator, (None, None))
     low, high = (-np.inf if ends[0] is None else ends[0], np.inf if ends[1] is None else ends[1])
-    across = motion.across
-    layers: list[Layer] = [Strokes(np.array([v]), np.array([across.low]),
-                                        np.array([across.high]), "out", 1.4, flat=True,
-                                   name="limit") for v in near]
+    layers: list[Layer] = [_level(motion, v, "out", "limit") for v in near]
     over = (values < low) | (values > high)
     if over.any():
         rows = np.flatnonzero(over)[:: max(1, int(over.sum()) // FEW)]
@@ -332,6 +329,12 @@ def joint(motion: TimedRows, name: str) -> Drawing:
     return _over(motion, values, f"Joint {actuator} {_over_word(motion)}", motion.label(name),
                  note, layers, axis, _period(motion, name),
                  (("before", KEY["before"]),) if over.any() else ())
+
+
+def _level(motion: TimedRows, value: float, kind: str, name: str) -> Layer:
+    """Return a line at one value, from edge to edge."""
+    across = motion.across
+    return Strokes([value], [across.low], [across.high], kind, 1.4, flat=True, name=name)
 
 
 def _rates(motion: TimedRows, joints: Sequence[str]) -> list[Drawing]:
@@ -370,11 +373,8 @@ def singularity(motion: TimedRows) -> list[Drawing]:
     log = bool(finite.min() > 0.0 and finite.max() > 30.0 * finite.min())
     axis = span(np.append(finite, shown), log=True) if log else Axis(
         0.0, 1.08 * max([float(finite.max()), *shown]))
-    across = motion.across
     layers: list[Layer] = [
-        Strokes(np.array([v]), np.array([across.low]), np.array([across.high]), kind, 1.4,
-                     flat=True, name=name)
-        for v, kind, name in ((home, "after", "at home"),
+        _level(motion, v, kind, name) for v, kind, name in ((home, "after", "at home"),
                               (singular, "out", "singular below")) if v is not None]
     bad = np.flatnonzero(motion.flagged(SINGULAR) & np.isfinite(values))
     if bad.size:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import partial
@@ -21,7 +21,7 @@ from ppmcal.report.html import exact, sig, to_sigma
 from ppmcal.report.identified import COLUMNS, errors
 from ppmcal.report.kinds import IN_ORDER
 from ppmcal.report.records import Identified, ReportData
-from ppmcal.report.section import free_name, slug
+from ppmcal.report.section import Drawn, free_name, slug
 from ppmcal.store.folder import CAMPAIGNS
 
 TEX = str.maketrans({
@@ -185,10 +185,9 @@ def _all(data: ReportData, notes: list[Note]) -> Iterator[Sheet]:
     for kind in IN_ORDER:
         for one in kind.of(data):
             folder = str(getattr(one, "folder", "") or getattr(one, "identified", ""))
-            make: Callable[[], Mapping[str, Sequence[Drawing]]] = partial(kind.drawings, one, data)
-            none: dict[str, Sequence[Drawing]] = {}
-            for group, drawings in secondary(f"figures of {folder}", make, none, notes).items():
-                for drawing in drawings:
+            make: Callable[[], Drawn] = partial(kind.drawings, one, data)
+            for group, drawings in secondary(f"figures of {folder}", make, {}, notes).items():
+                for drawing in filter(None, drawings):
                     own = slug(drawing.title)[:LONGEST].rstrip("-")
                     yield Sheet(free_name(lead(folder) + own, taken), own, group, drawing)
     for fit in data.identified:

@@ -13,7 +13,6 @@ from ppmcal.io.results.commands import CommandsRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.export import ExportRecord
 from ppmcal.io.results.identification import IdentificationRecord
-from ppmcal.io.results.kinematics import KinematicsRecord
 from ppmcal.io.results.plan import PlanRecord
 from ppmcal.io.results.record import Record
 from ppmcal.io.results.sensitivity import SensitivityRecord
@@ -118,13 +117,16 @@ class Simulated:
 
 
 @dataclass(frozen=True)
-class CheckedRows:
-    """Rows with a status each, whether they went well: commands.csv or kinematics.csv."""
+class CheckedRows(Generic[R]):
+    """Rows with a status each, whether they went well: commands.csv or kinematics.csv.
+
+    Or any table without a chapter of its own, ``kind``: its name without an ending.
+    """
 
     folder: str
     kind: str
-    record: CommandsRecord | KinematicsRecord
-    table: Table | None
+    record: R
+    table: Table | None = None
 
     @property
     def flagged(self) -> tuple[int, ...]:
@@ -206,7 +208,7 @@ class ReportData:
     folders: tuple[str, ...]
     identified: tuple[Identified, ...] = ()
     diagnosed: tuple[Diagnosed, ...] = ()
-    compensated: tuple[CheckedRows, ...] = ()
+    compensated: tuple[CheckedRows[CommandsRecord], ...] = ()
     simulated: tuple[Simulated, ...] = ()
     designed: tuple[Designed, ...] = ()
     validated: tuple[Held[ValidationRecord], ...] = ()

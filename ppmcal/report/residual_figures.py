@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.io.csv import Table
-from ppmcal.io.results.commands import predicted_errors
+from ppmcal.io.results.commands import CommandsRecord, predicted_errors
 from ppmcal.io.results.identification_tables import (
     ResidualNorm,
     coordinates,
@@ -298,7 +298,7 @@ def _left_out(values: Array, keep: Bools, data: DataRows) -> Layer:
     return Marks(rows + 1.0, values[rows], "out", "x", points=data.points(rows))
 
 
-def command_figure(rows: CheckedRows, kind: str, unit: str) -> Drawing | None:
+def command_figure(rows: CheckedRows[CommandsRecord], kind: str, unit: str) -> Drawing | None:
     """Return the predicted error of the commands, before and after compensation."""
     table = rows.table
     if table is None or f"error_{kind}_after" not in table.numbers:

@@ -128,8 +128,8 @@ def page(title: str, chapters: Sequence[Section], **values: Any) -> str:
 
 E = TypeVar("E")
 R = TypeVar("R", bound=Record)
-Drawn = Mapping[str, Sequence[Drawing]]
-"""Drawings by the part of a chapter that they stand in."""
+Drawn = Mapping[str, Sequence[Drawing | None]]
+"""Drawings by the part of a chapter that they stand in; None for one that cannot be made."""
 Chapter = tuple[str, Callable[[], Section]]
 """What a chapter is called where it cannot be made, and how it is made."""
 

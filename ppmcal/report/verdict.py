@@ -10,7 +10,6 @@ from typing import Any, Literal
 
 from ppmcal.calibration.fit import LARGER
 from ppmcal.calibration.knowledge import FAR, FAR_BECAUSE
-from ppmcal.io.results.commands import CommandsRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import cause_probability, next_step
 from ppmcal.io.results.diagnosis_wording import headline as diagnosis_headline
@@ -73,7 +72,7 @@ def unseen(one: Identified, kind: str, data: ReportData) -> tuple[str, str] | No
             if size is not None and size.rms is not None:
                 return with_unit(size.rms, size.unit), f"on {day.name}, which no fit has seen"
     for c in data.compensated:
-        if isinstance(c.record, CommandsRecord) and _is_of(one, c.record.provenance):
+        if _is_of(one, c.record.provenance):
             promised = c.record.predicted.get(kind, ErrorChange())
             if promised.after is not None:
                 return (with_unit(promised.after, promised.unit),

@@ -22,7 +22,6 @@ from ppmcal.io.results.validation import ValidationRecord
 from ppmcal.report import to_html, to_json
 from ppmcal.report.batch import batch_page
 from ppmcal.report.collect import compare
-from ppmcal.report.design import Other
 from ppmcal.report.records import (
     CheckedRows,
     Designed,
@@ -95,7 +94,7 @@ WARNINGS: dict[str, Callable[[], dict[str, Any]]] = {
         "c", "commands", CommandsRecord(notes=("uncertainties are unknown",)), None),)},
     "lifted": lambda: {"compensated": (CheckedRows(
         "c", "commands", CommandsRecord(findings=("3 rows commanded though refused",)), None),)},
-    "check": lambda: {"others": (Other("c", "check", AnyRecord(findings=("odd",))),)},
+    "check": lambda: {"others": (CheckedRows("c", "check", AnyRecord(findings=("odd",))),)},
     "validation": lambda: {"validated": (Held("v", ValidationRecord.checked(
         {"datasets": [{"name": "s", "errors": ERRORS}]})),)},
     "changed": lambda: {"compared": (Held("c", ComparisonRecord(
