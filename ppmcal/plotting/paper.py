@@ -48,12 +48,9 @@ UNKNOWN = "?"
 
 
 def paper(drawing: Drawing, width: float, form: str) -> str | bytes:
-    """Return a drawing as a file of one of :data:`FORMATS`; the same drawing gives the same bytes.
+    """Return a drawing as a file ``width`` mm wide, the same bytes for the same drawing.
 
-    Args:
-        drawing: a plot or a chart.
-        width: of the file, mm.
-        form: its format.
+    ``form``: one of :data:`FORMATS`.
     """
     with look():
         drawn = _figure(drawing, width / MM / POINT)

@@ -69,11 +69,7 @@ def designs_in(folder: Path) -> list[str]:
 
 
 def designed(folder: Path) -> list[Designed]:
-    """Return what such commands left in a folder, each with its record.
-
-    Raises:
-        BadInput: a record or a table is broken.
-    """
+    """Return what such commands left in a folder; a broken record or table is BadInput."""
     out: list[Designed] = []
     for kind in designs_in(folder):
         file, of = folder / f"{kind}.json", DESIGNS[kind]

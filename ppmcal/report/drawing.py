@@ -23,12 +23,7 @@ LONG = {"in": "inches"}
 
 
 def drawing_page(scene: Scene, source: str = "") -> str:
-    """Return the page of a scene; names in it are escaped.
-
-    Args:
-        scene: machines and measured rows.
-        source: the file that it was made from.
-    """
+    """Return the page of a scene; ``source``: the file that it was made from."""
     return whole_page(
         "machine.html", scene=scene, generator=GENERATOR, version=__version__,
         source=source or scene.name, lead=_lead(scene), drawing=Markup(scene_html(scene)),
@@ -56,12 +51,7 @@ def _check_target(path: Path, inputs: Sequence[str]) -> None:
 
 
 def write_drawing(path: Path, page: str, inputs: Sequence[str] = ()) -> None:
-    """Write a page, whole or not at all.
-
-    Args:
-        path: where it goes.
-        page: its text.
-        inputs: files that are never replaced.
+    """Write a page, whole or not at all; ``inputs``: files that are never replaced.
 
     Raises:
         BadInput: it cannot be written; a folder is there, an input, or a file that ppmcal did

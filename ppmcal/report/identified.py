@@ -78,11 +78,7 @@ COLUMNS = ("mean", "rms", "p95", "max")
 def identified_section(one: Identified, index: int, title: str, body: str = "") -> Section:
     """Return the chapter about one identification.
 
-    Args:
-        one: the identification.
-        index: its place on the page, from 0.
-        title: of the chapter.
-        body: ready HTML before its parts.
+    ``index``: its place on the page, from 0; ``body``: ready HTML before its parts.
     """
     r = one.record
     units = {p.name: p.unit for p in r.parameters}

@@ -39,12 +39,7 @@ DIGITS = 7
 
 
 def scene_html(scene: Scene, index: int | str = "") -> str:
-    """Return one drawing; names in it are escaped.
-
-    Args:
-        scene: machines and measured rows.
-        index: of the identification on the page, by which its rows are known.
-    """
+    """Return one drawing; ``index``: of the identification on the page, as its rows know it."""
     order = slider_order(scene)
     return template_macro("machine_scene.html", "drawing", scene, index, order, findings(scene),
                           _notes(scene), script_json({**_content(scene), "order": order}))
@@ -56,20 +51,10 @@ def machine_css() -> str:
 
 
 def machine_scripts(library: bool = True) -> Markup:
-    """Return the scripts for all drawings of a page, to stand behind the last of them.
-
-    Args:
-        library: whether to bring plotly along; else the page has it before.
-    """
+    """Return the scripts for all drawings of a page, behind the last; ``library``: and plotly."""
     texts = [template_text(LIBRARY)] if library else []
     texts.append("".join(template_text(name) for name in SCRIPTS))
     return Markup("".join(f"<script>{text}</script>\n" for text in texts))
-
-
-def page_scripts(sections: Sequence[str], library: bool = True) -> Markup:
-    """Return the scripts that the drawings among some sections need, nothing without any."""
-    drawn = any('<div class="machine"' in section for section in sections)
-    return machine_scripts(library) if drawn else Markup("")
 
 
 def slider_order(scene: Scene) -> list[int]:

@@ -154,10 +154,7 @@ class Sheet:
 def sheets(data: ReportData, notes: list[Note], only: Sequence[str] = ()) -> list[Sheet]:
     """Return the figures and tables of a report, those that are asked for.
 
-    Args:
-        data: the report.
-        notes: to which is added what cannot be drawn.
-        only: patterns of names or groups, none for all.
+    ``notes``: to which is added what cannot be drawn; ``only``: patterns of names or groups.
 
     Raises:
         BadInput: there is none, or none of a name.

@@ -19,7 +19,7 @@ from ppmcal.io.results.tables import WrittenTable
 from ppmcal.notes import Note
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.report.html import bullets, part, plot_scripts, template_text, whole_page
-from ppmcal.report.machine_section import machine_css, page_scripts
+from ppmcal.report.machine_section import machine_css, machine_scripts
 from ppmcal.report.records import Held, ReportData
 
 C = TypeVar("C")
@@ -34,7 +34,7 @@ class Section:
         body: ready HTML, before the parts.
         brief: plain text beside the title; of a part it is seen folded too.
         folded: whether a part is closed when the page opens.
-        parts: of a chapter.
+        parts: of a chapter; name: in links, once it has its place on the page.
     """
 
     title: str
@@ -42,6 +42,12 @@ class Section:
     brief: str = ""
     folded: bool = False
     parts: tuple[Section, ...] = ()
+    name: str = ""
+
+    @property
+    def html(self) -> str:
+        """The chapter as HTML."""
+        return part("chapter", self)
 
 
 def filled(parts: Iterable[Section | None]) -> tuple[Section, ...]:
@@ -60,20 +66,6 @@ def chapter(title: str, make: Callable[[], C]) -> C | Section:
     return replace(failed, body=bullets(notes)) if found is failed else found
 
 
-@dataclass(frozen=True)
-class Placed:
-    """A section with its name in links, and its parts likewise."""
-
-    name: str
-    section: Section
-    parts: tuple[Placed, ...] = ()
-
-    @property
-    def html(self) -> str:
-        """The section as HTML."""
-        return part("chapter", self)
-
-
 def slug(text: str) -> str:
     """Return text as small letters, digits and hyphens: of links and of files."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-") or "part"
@@ -89,7 +81,7 @@ def free_name(stem: str, taken: set[str]) -> str:
     return name
 
 
-def placed(chapters: Sequence[Section]) -> list[Placed]:
+def placed(chapters: Sequence[Section]) -> list[Section]:
     """Return chapters with names that no two of them share.
 
     >>> [c.name for c in placed([Section("Rows: all"), Section("Rows, all")])]
@@ -97,9 +89,9 @@ def placed(chapters: Sequence[Section]) -> list[Placed]:
     """
     taken = set[str]()
 
-    def place(section: Section) -> Placed:
-        name = free_name(slug(section.title), taken)
-        return Placed(name, section, tuple(place(p) for p in section.parts))
+    def place(section: Section) -> Section:
+        return replace(section, name=free_name(slug(section.title), taken),
+                       parts=tuple(map(place, section.parts)))
 
     return [place(c) for c in chapters]
 
@@ -107,22 +99,19 @@ def placed(chapters: Sequence[Section]) -> list[Placed]:
 def page(title: str, chapters: Sequence[Section], **values: Any) -> str:
     """Return a whole page; text among ``values`` is escaped unless it is ``Markup``.
 
-    Args:
-        title: of the page.
-        chapters: in their order.
-        **values: ``lead`` (sentences), ``verdicts``, ``look`` (what needs a look), ``calm``
-            (whether nothing does; default: there is no ``look``), ``folders``.
+    ``values``: ``lead`` (sentences), ``verdicts``, ``look`` (what needs a look), ``calm`` (whether
+    nothing does; default: there is no ``look``), ``folders``.
     """
     names = ("page", "page_tables", "plots", "page_end")
     shown = placed(chapters)
     bodies = [c.html for c in shown]
     plots = plot_scripts(bodies)
-    machines = page_scripts(bodies, library=not plots)
+    machines = any('<div class="machine"' in body for body in bodies)
     css = "".join(template_text(f"{name}.css") for name in names)
     css += machine_css() if machines else ""
     return whole_page("page.html", title=title, chapters=shown, version=__version__,
                       css=Markup(css), script=Markup(template_text("page.js")), plots=plots,
-                      machines=machines,
+                      machines=machine_scripts(library=not plots) if machines else "",
                       **{"verdicts": (), "lead": (), "calm": not values.get("look"), **values})
 
 
