@@ -84,12 +84,14 @@ def _frames(mechanism: Mechanism) -> list[str]:
 
     Targets of one body have one frame.
     """
-    first = {r.frame_pose.tobytes(): name for name, r in reversed(mechanism.registrations.items())}
-    return list(reversed(first.values())) or [""]
+    first: dict[bytes, str] = {}
+    for name, stands in mechanism.registrations.items():
+        first.setdefault(stands.frame_pose.tobytes(), name)
+    return list(first.values()) or [""]
 
 
 def _known_in(name: str, mechanism: Mechanism, poses: Array,
-              knowledge: ParameterCovariance | None) -> PoseUncertainty:
+              knowledge: ParameterCovariance) -> PoseUncertainty:
     stands = mechanism.registration(name)
     called = name if stands.frame_pose.any() else "base"
     position, rotation = model_sigma(mechanism, poses, stands,
@@ -99,7 +101,7 @@ def _known_in(name: str, mechanism: Mechanism, poses: Array,
         return PoseUncertainty(None, None, called, "no pose has an uncertainty",
                                undetermined=True)
     turns = mechanism.motion.turns
-    believed = None if knowledge is None or called == "base" else knowledge.before.get(name)
+    believed = None if called == "base" else knowledge.before.get(name)
     return PoseUncertainty(rms(position[seen]), rms(rotation[seen]) if turns else None, called,
                            stands=stands, before=believed)
 
