@@ -17,11 +17,10 @@ from ppmcal.errors import BadInput, NoResult, unknown
 from ppmcal.io import read_campaign, read_mechanism
 from ppmcal.io.campaign import datasets_in, joined
 from ppmcal.io.dataset_reader import may_be_words, read_files
-from ppmcal.io.frames import as_table, is_path
 from ppmcal.io.header import ReadFile
 from ppmcal.io.results.knowledge import KNOWLEDGE, read_basis
 from ppmcal.io.sidecar import read_sidecar, sidecar_of, sidecar_path
-from ppmcal.io.tables import read_table
+from ppmcal.io.tables import as_table, is_path, read_table
 from ppmcal.io.templates import find_template
 from ppmcal.kinematics.effect_response import environment_of, with_strokes
 from ppmcal.kinematics.needed_columns import ORDER, missing_columns

@@ -121,11 +121,12 @@ def csv_table(data: bytes, source: str, cells: Cells | Callable[[str], bool],
     header = _header(data[:first], source, separator)
     if not data[first:first + 4096].strip() and not data[first:].strip():
         if rowless:
-            return _no_rows(source, header, cells)
+            wanted = [h for h in header if cells.wanted(h)]
+            return Table(source, header, {h: np.zeros(0) for h in wanted if not cells.words(h)},
+                         {h: () for h in wanted if cells.words(h)}, 0)
         raise BadInput("has a header but no rows", source, "Add at least one row of numbers")
     refuse_shape(data.count(b"\n", first + 1), len(header), source)
-    body = read_body(data, first + 1, header, source, cells, separator)
-    return Table(source, header, body.numbers, body.text, body.size, body.dialect)
+    return Table(source, header, *read_body(data, first + 1, header, source, cells, separator))
 
 
 def whole_rows(pieces: Iterable[bytes]) -> Iterator[bytes]:
@@ -148,12 +149,6 @@ def joined(tables: Sequence[Table]) -> Table:
         first, size=sum(t.size for t in tables),
         numbers={h: np.concatenate([t.numbers[h] for t in tables]) for h in first.numbers},
         text={h: tuple(chain.from_iterable(t.text[h] for t in tables)) for h in first.text})
-
-
-def _no_rows(source: str, header: tuple[str, ...], cells: Cells) -> Table:
-    wanted = [h for h in header if cells.wanted(h)]
-    return Table(source, header, {h: np.zeros(0) for h in wanted if not cells.words(h)},
-                 {h: () for h in wanted if cells.words(h)}, 0)
 
 
 def cleaned(data: bytes, source: str) -> bytes:

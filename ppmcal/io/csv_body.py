@@ -12,7 +12,6 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import chain
-from typing import NamedTuple
 
 import numpy as np
 
@@ -51,15 +50,6 @@ class Cells:
     wanted: Callable[[str], bool] = lambda _: True
 
 
-class Body(NamedTuple):
-    """Rows as columns: ``numbers`` (N,), nan where empty, and ``text`` by name; N; dialect."""
-
-    numbers: Mapping[str, Array]
-    text: Mapping[str, tuple[str, ...]]
-    size: int
-    dialect: Dialect
-
-
 @dataclass(frozen=True)
 class _Part:
     """Some rows: ``block`` (n, width) of the bytes ``span``, or columns of numbers by name.
@@ -77,8 +67,11 @@ class _Part:
 
 
 def read_body(data: bytes, start: int, header: tuple[str, ...], source: str,
-              cells: Cells, separator: str) -> Body:
-    """Return the rows of a CSV from byte ``start`` on.
+              cells: Cells, separator: str) -> tuple[Mapping[str, Array], Mapping[
+                  str, tuple[str, ...]], int, Dialect]:
+    """Return the rows of a CSV from byte ``start`` on as columns.
+
+    By name those of numbers (N,), nan where empty, and those of words; N; and the dialect.
 
     Args:
         data: of the file, UTF-8, lines ended by newlines.
@@ -99,12 +92,12 @@ def read_body(data: bytes, start: int, header: tuple[str, ...], source: str,
     blocks = [p.block for p in parts if p.block is not None and not p.words]
     if len(blocks) == len(parts) and reader.wanted == header and not reader.always:
         whole = np.concatenate(blocks) if len(blocks) != 1 else blocks[0]
-        return Body({h: whole[:, i] for i, h in enumerate(header)}, {}, size, reader.dialect)
+        return {h: whole[:, i] for i, h in enumerate(header)}, {}, size, reader.dialect
     wordy = reader.always.union(*(p.wordy for p in parts))
-    return Body({h: np.concatenate([reader.numbers(p, h) for p in parts])
-                 for h in reader.wanted if h not in wordy},
-                {h: tuple(chain.from_iterable(reader.words(p, h) for p in parts))
-                 for h in reader.wanted if h in wordy}, size, reader.dialect)
+    return ({h: np.concatenate([reader.numbers(p, h) for p in parts])
+             for h in reader.wanted if h not in wordy},
+            {h: tuple(chain.from_iterable(reader.words(p, h) for p in parts))
+             for h in reader.wanted if h in wordy}, size, reader.dialect)
 
 
 class _Reader:

@@ -166,7 +166,8 @@ def parse(chunk: bytes, width: int) -> Array | None:
         return None
     if b" " in chunk:    # a cell of spaces is empty; NumPy takes it for -1
         chunk = _unspaced(chunk)
-    if not _rectangular(chunk, width):
+    edges = cell_edges(chunk, width, ",")
+    if edges is None or (width == 1 and np.any(np.diff(edges, axis=1) < 2)):
         return None
     chunk = _filled(chunk)
     block = _numbers(chunk.replace(b"nan", b"NaN").replace(b"\n", b","))
@@ -249,22 +250,6 @@ def without_columns(chunk: bytes, edges: NDArray[np.int64], among: Sequence[int]
         out[starts[size == 2]] = ord("1")
         out[starts[size > 2] + 1] = ord(".")
     return out.tobytes()
-
-
-def _rectangular(chunk: bytes, width: int) -> bool:
-    """Whether every line has ``width`` cells and none is blank."""
-    raw = np.frombuffer(chunk, dtype=np.uint8)
-    ends = np.append(np.flatnonzero(raw == 10), raw.size)
-    commas = np.flatnonzero(raw == 44)
-    if commas.size != ends.size * (width - 1):
-        return False
-    starts = np.concatenate([[0], ends[:-1] + 1])
-    if np.any(ends <= starts):
-        return False
-    if width == 1:
-        return True
-    grid = commas.reshape(ends.size, width - 1)
-    return bool(np.all(grid[:, -1] < ends) and np.all(grid[:, 0] >= starts))
 
 
 def _filled(chunk: bytes) -> bytes:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -23,7 +23,6 @@ from ppmcal.io.schema import (
     show,
     times,
 )
-from ppmcal.io.yaml import to_file
 from ppmcal.model.effects import (
     GEOMETRY,
     SORTS,
@@ -43,9 +42,9 @@ from ppmcal.model.mechanism import (
     usable_joints,
     with_effect,
 )
-from ppmcal.model.motions import SPATIAL, Motion
+from ppmcal.model.motions import SPATIAL
 from ppmcal.model.parameters import free_indices
-from ppmcal.units import Units
+from ppmcal.units import Units, to_file
 from ppmcal.wording import pluralize
 
 
@@ -94,17 +93,6 @@ class EffectsFile(Strict):
     """The effects, one after another."""
 
 
-@dataclass(frozen=True)
-class Machine:
-    """What an effect must know of the machine in order to be read."""
-
-    motion: Motion
-    actuators: Sequence[str]
-    quantities: Sequence[str]
-    units: Units
-    source: str
-
-
 def with_effects(mechanism: Mechanism, raw: object, units: Units, source: str) -> Mechanism:
     """Return the machine with the effects of a file added.
 
@@ -119,20 +107,14 @@ def with_effects(mechanism: Mechanism, raw: object, units: Units, source: str) -
     """
     if raw is None or raw == []:
         return mechanism
-    machine = _machine(mechanism, units, source)
     if not isinstance(raw, list):
         raise BadInput(f"{show(raw)} is not a list of effects", f"{source}: effects",
                        "Write [{kind: backlash, on: [leg1], parameters: {width: 0.02}}]")
     file = check(EffectsFile, {"effects": raw}, source)
     for i, one in enumerate(file.effects):
         place = f"{source}: effects[{i + 1}]"
-        mechanism = (_geometry if one.kind == GEOMETRY else _added)(mechanism, one, machine, place)
+        mechanism = (_geometry if one.kind == GEOMETRY else _added)(mechanism, one, units, place)
     return _with_free(mechanism)
-
-
-def _machine(mechanism: Mechanism, units: Units, source: str) -> Machine:
-    return Machine(mechanism.motion, mechanism.actuators, mechanism.actuator_quantity, units,
-                   source)
 
 
 def _with_free(mechanism: Mechanism) -> Mechanism:
@@ -161,7 +143,7 @@ def with_limb_entries(mechanism: Mechanism, limbs: Sequence[Mapping[Any, Any]], 
     Raises:
         BadInput: as :func:`with_effects`.
     """
-    machine, before = _machine(mechanism, units, source), mechanism
+    before = mechanism
     for limb, raw in zip(mechanism.limbs, limbs, strict=True):
         own = {name: raw[name] for name in limb_entries(limb.kind) if raw.get(name) is not None}
         if own:
@@ -169,24 +151,24 @@ def with_limb_entries(mechanism: Mechanism, limbs: Sequence[Mapping[Any, Any]], 
             one = check(EffectFile, {
                 "kind": limb.kind.effect, "on": [mechanism.actuators[limb.actuator]],
                 "parameters": own}, source, prefix=f"limbs.{limb.name}")
-            mechanism = _added(mechanism, one, machine, place)
+            mechanism = _added(mechanism, one, units, place)
     return before if mechanism is before else _with_free(mechanism)
 
 
-def _added(mechanism: Mechanism, one: EffectFile, machine: Machine, place: str) -> Mechanism:
+def _added(mechanism: Mechanism, one: EffectFile, units: Units, place: str) -> Mechanism:
     refuse_unknown("effect", [one.kind], [*effect_kinds(), GEOMETRY], f"{place}.kind")
     kind = find_effect(one.kind)
-    on = _actuators(one, kind, mechanism, machine, place)
-    kind = _made(one, kind, joint_quantity(mechanism, on), machine, place)
-    if not kind.exists_in(machine.motion):
+    on = _actuators(one, kind, mechanism, place)
+    joint = joint_quantity(mechanism, on)
+    kind = _made(one, kind, joint, units, place)
+    if not kind.exists_in(mechanism.motion):
         raise BadInput(kind.refused, f"{place}.kind", "Remove it")
-    specs = kind.parameters(machine.motion)
+    specs = kind.parameters(mechanism.motion)
     refuse_unknown("parameter", one.parameters, [s.name for s in specs], f"{place}.parameters")
-    given = {s.name: _given(one, s, resolved(s.quantity, joint_quantity(mechanism, on)), machine,
-                            place) for s in specs}
+    given = {s.name: _given(one, s, resolved(s.quantity, joint), units, place) for s in specs}
     if any(g.free for g in given.values()):
         _not_free_already(mechanism, kind, on, place)
-    ends = kind.stroke_ends(machine.motion)
+    ends = kind.stroke_ends(mechanism.motion)
     if ends and given[ends[0]].value >= given[ends[1]].value:
         raise BadInput("the stroke ends where it begins, or before",
                        f"{place}.parameters.{ends[1]}",
@@ -194,8 +176,7 @@ def _added(mechanism: Mechanism, one: EffectFile, machine: Machine, place: str) 
     return with_effect(mechanism, kind, on, given)
 
 
-def _made(one: EffectFile, kind: EffectKind, joint: str, machine: Machine, place: str
-          ) -> EffectKind:
+def _made(one: EffectFile, kind: EffectKind, joint: str, units: Units, place: str) -> EffectKind:
     """Return the kind, made of the further entries of the file where it is one of those."""
     further = dict(one.model_extra or {})
     known = kind.from_file.entries if kind.from_file else ()
@@ -203,7 +184,7 @@ def _made(one: EffectFile, kind: EffectKind, joint: str, machine: Machine, place
     if kind.from_file is None:
         return kind
     try:
-        return kind.from_file.make(further, machine.units, joint)
+        return kind.from_file.make(further, units, joint)
     except BadInput as error:
         raise BadInput(error.what, f"{place}.{error.where}", error.hint) from None
 
@@ -217,14 +198,15 @@ def _not_free_already(mechanism: Mechanism, kind: EffectKind, on: Sequence[bool]
                                f"Fix the {slot}, or remove the {kind.name}: they are the same")
 
 
-def _actuators(one: EffectFile, kind: EffectKind, mechanism: Mechanism, machine: Machine,
-               place: str) -> tuple[bool, ...]:
-    if not kind.per_actuator and one.on is not None and set(one.on) != set(machine.actuators):
+def _actuators(one: EffectFile, kind: EffectKind, mechanism: Mechanism, place: str
+               ) -> tuple[bool, ...]:
+    actuators = mechanism.actuators
+    if not kind.per_actuator and one.on is not None and set(one.on) != set(actuators):
         raise BadInput(f"{kind.name} acts on the whole machine", f"{place}.on", "Remove `on`")
-    chosen = list(machine.actuators) if one.on is None else one.on
-    refuse_unknown("actuator", chosen, machine.actuators, f"{place}.on")
-    on = tuple(a in chosen for a in machine.actuators)
-    quantities = {q for q, used in zip(machine.quantities, on, strict=True) if used}
+    chosen = list(actuators) if one.on is None else one.on
+    refuse_unknown("actuator", chosen, actuators, f"{place}.on")
+    on = tuple(a in chosen for a in actuators)
+    quantities = {q for q, used in zip(mechanism.actuator_quantity, on, strict=True) if used}
     if not any(on):
         raise BadInput("the effect acts on no actuator", f"{place}.on", "Name at least one")
     usable = usable_joints(mechanism, kind)
@@ -244,14 +226,14 @@ def _actuators(one: EffectFile, kind: EffectKind, mechanism: Mechanism, machine:
     return on
 
 
-def _given(one: EffectFile, spec: EffectParameter, quantity: str, machine: Machine,
-           place: str) -> Given:
-    factor = machine.units.factor(quantity)
+def _given(one: EffectFile, spec: EffectParameter, quantity: str, units: Units, place: str
+           ) -> Given:
+    factor = units.factor(quantity)
     where = f"{place}.parameters.{spec.name}"
     given = times(one.parameters.get(spec.name, ValueFile()), factor)
     value = spec.default if given.value is None else given.value
     if value is None:
-        unit = machine.units.name(quantity) or "plain numbers"
+        unit = units.name(quantity) or "plain numbers"
         raise BadInput(f"the parameter '{spec.name}' has no value", where,
                        f"Add `{spec.name}: ...` in {unit}")
     # a fit may end beyond the range: what it found stands, with its sigma, and must read back
@@ -259,22 +241,21 @@ def _given(one: EffectFile, spec: EffectParameter, quantity: str, machine: Machi
     if not np.isnan(value) and not fitted and not spec.low <= value <= spec.high:
         low, high = spec.low / factor, spec.high / factor
         raise BadInput(f"{value / factor:g} is outside the physical range "
-                       f"{low:g} to {high:g} {machine.units.name(quantity)}", where,
+                       f"{low:g} to {high:g} {units.name(quantity)}", where,
                        "Check value and unit")
     if given.free and spec.constant:
         raise BadInput(f"'{spec.name}' cannot be fitted", where, "Remove `free`")
-
     return Given(value, given.tolerance, bool(given.free), given.nominal, given.sigma)
 
 
-def _geometry(mechanism: Mechanism, one: EffectFile, machine: Machine, place: str) -> Mechanism:
+def _geometry(mechanism: Mechanism, one: EffectFile, units: Units, place: str) -> Mechanism:
     """Add errors of slots to the geometry itself."""
     made = list(mechanism.parameters)
     index = {n: i for i, p in enumerate(made) for n in (p.name, *p.aliases)}
     refuse_unknown("parameter", one.parameters, index, f"{place}.parameters")
     for name, given in one.parameters.items():
         p = made[index[name]]
-        own, free = times(given, machine.units.factor(p.quantity)), bool(given.free)
+        own, free = times(given, units.factor(p.quantity)), bool(given.free)
         made[index[name]] = replace(
             p, value=p.value + (own.value or 0.0), free=p.free or free,
             fixed=p.fixed and not free,

@@ -15,13 +15,12 @@ from ppmcal.errors import BadInput, unknown
 from ppmcal.io import measurement_columns as cols
 from ppmcal.io.column_names import ENVIRONMENT, known_columns
 from ppmcal.io.csv import Table, remark_table
-from ppmcal.io.frames import Tabular, as_table, is_path
 from ppmcal.io.header import bare_name
 from ppmcal.io.measurement_columns import further_columns, stacked
 from ppmcal.io.pose_fields import COORDINATES, EULER, QUATERNION, under_vector_names
 from ppmcal.io.reading import in_own_units
 from ppmcal.io.schema import did_you_mean
-from ppmcal.io.tables import read_table
+from ppmcal.io.tables import Tabular, as_table, is_path, read_table
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import stage

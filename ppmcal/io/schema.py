@@ -221,17 +221,16 @@ class Strict(BaseModel):
     def _keys(cls, data: Any) -> Any:
         if isinstance(data, cls):
             return data
-        names = [f.alias or n for n, f in cls.model_fields.items()]
+        names = [*cls.model_fields]
         if not isinstance(data, dict):
             raise refuse(f"{show(data)} is not a mapping",
                          f"Write keys with values here: {', '.join(names)}")
         for key in data if cls.model_config.get("extra") != "allow" else ():
             _one_of("key", key, names)
         for name, field in cls.model_fields.items():
-            key = field.alias or name
-            if field.is_required() and key not in data:
-                example = cls.examples.get(name, f"{key}: ...")
-                raise refuse(f"the key '{key}' is missing", f"Add a line such as `{example}`")
+            if field.is_required() and name not in data:
+                example = cls.examples.get(name, f"{name}: ...")
+                raise refuse(f"the key '{name}' is missing", f"Add a line such as `{example}`")
         return data
 
 

@@ -1,7 +1,8 @@
-"""Tables in files: CSV, Parquet or a spreadsheet (.xlsx), whichever the file holds.
+"""Tables in files (CSV, Parquet or a spreadsheet, whichever the file holds) and in memory.
 
 A spreadsheet is read as one sheet, with a header in its first row that is not blank. Parquet has
-the same columns as a CSV in a quarter of the space and without parsing.
+the same columns as a CSV in a quarter of the space and without parsing. In place of a file there
+may be a data frame, a mapping of columns or an array.
 """
 
 from __future__ import annotations
@@ -10,18 +11,18 @@ import io
 import os
 import warnings
 import zipfile
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 from itertools import chain, takewhile
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
 from ppmcal.errors import BadInput, refuse_unknown
 from ppmcal.io.csv import Table, csv_table, refuse_absurd, refuse_double
 from ppmcal.io.csv_body import Cells
-from ppmcal.io.frames import as_table
+from ppmcal.io.csv_dialect import PLAIN
 from ppmcal.limits import CELL_SIZE, TABLE_CELLS, UNPACKED_BYTES, refuse_shape
 from ppmcal.store.inputs import read_bytes
 
@@ -30,6 +31,10 @@ SUFFIXES = (".csv", ".parquet", ".xlsx")
 EXCEL, PARQUET = b"PK\x03\x04", b"PAR1"
 """What every such file begins with; with the first one every zip does."""
 LAST_ROW = 1_048_576
+Tabular = str | os.PathLike[str] | Mapping[str, Any] | Any
+"""A path of a CSV, a data frame (pandas, polars), a mapping of columns, or an array (N, c)."""
+NAME = "table"
+"""What a table without a file is called in messages."""
 
 
 def is_text(data: bytes) -> bool:
@@ -37,61 +42,43 @@ def is_text(data: bytes) -> bool:
     return not data.startswith((PARQUET, EXCEL))
 
 
-def read_table(path: str | os.PathLike[str], text: Collection[str] = (),
-               loose: Callable[[str], bool] | None = None, sheet: str | None = None,
-               wanted: Callable[[str], bool] | None = None, rowless: bool = False) -> Table:
-    """Return a file's table as columns.
+def read_table(path: str | os.PathLike[str], loose: Callable[[str], bool] = lambda name: False,
+               sheet: str | None = None, wanted: Callable[[str], bool] = lambda name: True,
+               rowless: bool = False) -> Table:
+    """Return a file's table as columns; an empty cell is nan.
 
     Args:
         path: the file.
-        text: columns that are labels: kept as text unless all their cells are numbers.
-        loose: says of a column name whether it may hold text too (default: none); such a
-            column is only repeated, so its numbers may be of any size.
+        loose: says of a column name whether it may hold text; it is text unless all cells are
+            numbers, which may be of any size.
         sheet: of a spreadsheet  [default: the first].
         wanted: of which columns anything is kept  [default: all].
         rowless: whether a CSV may be a header alone.
 
     Raises:
-        BadInput: as :func:`ppmcal.io.csv.csv_table`, :func:`parquet_table` and
-            :func:`excel_table`, a number that is too large, or a sheet of a file that has none.
+        BadInput: as :func:`ppmcal.io.csv.csv_table` and :func:`as_table`, a file that is damaged
+            or whose package is not there, a number that is too large, or a sheet that is not there.
     """
-    def may_be_text(name: str) -> bool:
-        return name in text or (loose is not None and loose(name))
-
     source, data = str(path), read_bytes(Path(path))
     if data.startswith(EXCEL):
-        table = excel_table(data, source, may_be_text, sheet)
+        table = as_table(_of_sheet(data, source, sheet), (), source, loose)
     elif sheet is not None:
         raise BadInput(f"has no sheet '{sheet}': it is not a spreadsheet", source,
                        "Take `sheet` out of the sidecar's `read`")
     elif data.startswith(PARQUET):
-        table = parquet_table(data, source, may_be_text)
+        table = as_table(_of_parquet(data, source), (), source, loose)
     else:
-        cells = Cells(may_be_text, wanted=wanted or (lambda _: True))
-        table = csv_table(data, source, cells, rowless)
-    if wanted is not None:
-        table = table.without([h for h in table.header if not wanted(h)])
-    refuse_absurd({h: v for h, v in table.numbers.items() if not may_be_text(h)}, source)
+        table = csv_table(data, source, Cells(loose, wanted=wanted), rowless)
+    table = table.without([h for h in table.header if not wanted(h)])
+    refuse_absurd({h: v for h, v in table.numbers.items() if not loose(h)}, source)
     return table
 
 
 # ---- spreadsheets
 
 
-def excel_table(data: bytes, source: str, may_be_text: Callable[[str], bool],
-                sheet: str | None = None) -> Table:
-    """Return a sheet as columns; an empty cell is nan, of a formula its last value counts.
-
-    Args:
-        data: of the file.
-        source: what messages call it.
-        may_be_text: says of a column name whether it may hold text.
-        sheet: its name  [default: the first].
-
-    Raises:
-        BadInput: openpyxl is not there, the file is damaged, there is no such sheet, or as
-            :func:`ppmcal.io.frames.as_table`.
-    """
+def _of_sheet(data: bytes, source: str, sheet: str | None) -> dict[str, list[Any]]:
+    """Return the columns of a sheet; of a formula its last value counts."""
     try:
         from openpyxl import load_workbook  # for those who have such files
     except ImportError:
@@ -115,7 +102,7 @@ def excel_table(data: bytes, source: str, may_be_text: Callable[[str], bool],
     if not rows:
         raise BadInput("the sheet is empty", source, "Name another under `read.sheet` in the "
                        f"sidecar: {', '.join(names)}")
-    return as_table(_columns(rows, source), (), source, may_be_text)
+    return _columns(rows, source)
 
 
 def _rows(sheet: Any, source: str) -> list[list[Any]]:
@@ -161,18 +148,8 @@ def _columns(rows: list[list[Any]], source: str) -> dict[str, list[Any]]:
 # ---- Parquet
 
 
-def parquet_table(data: bytes, source: str, may_be_text: Callable[[str], bool]) -> Table:
-    """Return a Parquet file as columns; an empty cell is nan.
-
-    Args:
-        data: of the file.
-        source: what messages call it.
-        may_be_text: says of a column name whether it may hold text.
-
-    Raises:
-        BadInput: pyarrow is not there, the file is damaged, a column holds no numbers, or as
-            :func:`ppmcal.io.frames.as_table`.
-    """
+def _of_parquet(data: bytes, source: str) -> dict[str, Any]:
+    """Return the columns of a Parquet file."""
     try:
         import pyarrow  # forty megabytes, for those who have such files
         from pyarrow import parquet
@@ -195,7 +172,7 @@ def parquet_table(data: bytes, source: str, may_be_text: Callable[[str], bool]) 
         raise BadInput(f"cannot be read as Parquet ({what})", source,
                        "Write the file again, or save the table as CSV") from None
     refuse_double(names, source, "Rename one of them")
-    return as_table(dict(zip(names, cells, strict=True)), (), source, may_be_text)
+    return dict(zip(names, cells, strict=True))
 
 
 def _refuse_large(about: Any, source: str) -> list[str]:
@@ -280,3 +257,98 @@ def _words(chunk: Any) -> Any:
     """Return the cells of a part of a column (n,); equal ones are one object."""
     known = np.array([*chunk.dictionary.to_pylist(), None], dtype=object)
     return known[chunk.indices.fill_null(len(known) - 1).to_numpy()]
+
+
+# ---- in memory
+
+
+def is_path(source: object) -> TypeGuard[str | os.PathLike[str]]:
+    """Return whether a table is given as the path of a file."""
+    return isinstance(source, str | os.PathLike)
+
+
+def as_table(source: Any, names: Sequence[str] = (), what: str = NAME,
+             loose: Callable[[str], bool] = lambda name: True) -> Table:
+    """Return a table that is in memory as one that was read from a CSV.
+
+    Args:
+        source: a data frame, a mapping from column to N values, or an array (N, c).
+        names: of the c columns of a bare array, in their order.
+        what: what messages call it.
+        loose: says of a column's name whether it may hold words too.
+
+    Numbers become float columns (None and nan are empty cells), anything else words.
+
+    Raises:
+        BadInput: no rows, columns of different lengths or of one name, an array of another
+            width, a word for a number, a number that is too large.
+    """
+    columns = _held(source, names, what)
+    sizes = {len(values) for values in columns.values()}
+    if len(sizes) > 1:
+        raise BadInput(f"has columns of {min(sizes)} and of {max(sizes)} rows", what,
+                       "Give every column as many values")
+    if not sizes or not max(sizes):
+        raise BadInput("has no rows", what, "Give at least one row of numbers")
+    refuse_shape(max(sizes), len(columns), what)
+    numbers: dict[str, Any] = {}
+    text: dict[str, tuple[str, ...]] = {}
+    for name, values in columns.items():
+        as_numbers = _numbers(values)
+        if as_numbers is None:
+            if not loose(name):
+                row = next(i for i, v in enumerate(values) if _numbers([v]) is None)
+                raise BadInput(f"'{str(values[row])[:40]}' is not a number",
+                               f"{what}: row {row + 1}, column {name}", "Write a number")
+            text[name] = tuple("" if v is None or v != v else str(v) for v in values)
+            CELL_SIZE.refuse(max(map(len, text[name]), default=0), f"{what}: column {name}")
+        else:
+            numbers[name] = as_numbers
+    refuse_absurd(numbers, what)
+    return Table(what, tuple(columns), numbers, text, sizes.pop())
+
+
+def _held(source: Any, names: Sequence[str], what: str) -> dict[str, Any]:
+    """Return the columns by name, whatever holds them."""
+    if isinstance(source, Mapping) or hasattr(source, "columns"):
+        keys = [str(k).strip() for k in (source if isinstance(source, Mapping) else source.columns)]
+        refuse_double(keys, what, "Rename one of them")
+        held = source if isinstance(source, Mapping) else {c: source[c] for c in source.columns}
+        return {k: _cells(v) for k, v in zip(keys, held.values(), strict=True)}
+    block = source if np.ma.isMaskedArray(source) else np.asarray(source)
+    if block.ndim == 1:
+        block = block[None]
+    if block.ndim != 2 or block.shape[1] != len(names):
+        raise BadInput(f"is an array of shape {np.shape(source)}", what,
+                       f"Give (N, {len(names)}): {', '.join(names)}; or name the columns, as a "
+                       "data frame or as a mapping")
+    return {name: _cells(block[:, i]) for i, name in enumerate(names)}
+
+
+def _cells(values: Any) -> Any:
+    """Return the cells of a column: as they are where all are floats (N,), else a list."""
+    if np.ma.isMaskedArray(values):    # what is masked is not measured
+        return [None if hidden else value for value, hidden in
+                zip(values.data.ravel().tolist(), np.ma.getmaskarray(values).ravel(), strict=True)]
+    array = np.asarray(values)
+    if array.dtype == np.float64:
+        return array.ravel()
+    return list(np.asarray(values, dtype=object).ravel())
+
+
+def _numbers(values: Any) -> Any:
+    """Return N cells as floats (N,), None where one of them is a word."""
+    if isinstance(values, np.ndarray):
+        return values
+    try:
+        return np.array([np.nan if v is None else _told(v) if isinstance(v, str) else float(v)
+                         for v in values], dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        return None
+
+
+def _told(word: str) -> float:
+    """Return the number that a word is in a CSV (ValueError for none): to Python 1_2 is 12."""
+    if PLAIN.fullmatch(word.strip()) is None:
+        raise ValueError(word)
+    return float(word)

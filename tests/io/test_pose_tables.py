@@ -12,7 +12,7 @@ from helpers.commands import rows
 import ppmcal
 from ppmcal.errors import BadInput
 from ppmcal.io import read_joints, read_poses
-from ppmcal.io.frames import as_table
+from ppmcal.io.tables import as_table
 
 HEXAPOD = ppmcal.load(ppmcal.shipped("6-UPS"))
 POSES = np.array([[10.5, -3.25, 2000.125, 1.5, -2.0, 0.75], [0.0, 4.5, 1990.0, 0.0, 1.0, -3.0]])

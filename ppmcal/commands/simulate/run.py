@@ -13,8 +13,8 @@ from ppmcal.commands.result import Result
 from ppmcal.commands.simulate.options import SimulateArguments
 from ppmcal.commands.spec import Path_
 from ppmcal.io import read_scenario
-from ppmcal.io.frames import is_path
 from ppmcal.io.results.simulation import files
+from ppmcal.io.tables import is_path
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.simulation.scenario import Scenario

@@ -22,9 +22,9 @@ from ppmcal.errors import BadInput, PpmcalError, unknown
 from ppmcal.io import csv_text, read_mechanism
 from ppmcal.io.column_names import LABELS
 from ppmcal.io.dataset_reader import dataset_of
-from ppmcal.io.frames import as_table
 from ppmcal.io.results.identification_parts import summaries
 from ppmcal.io.sidecar import sidecar_of
+from ppmcal.io.tables import as_table
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.limbs.spatial import PUS
