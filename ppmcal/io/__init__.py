@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from ppmcal.io.poses import read_joints as read_joints
     from ppmcal.io.poses import read_poses as read_poses
     from ppmcal.io.poses import twists as twists
-    from ppmcal.io.scenario import Scenario as Scenario
     from ppmcal.io.scenario import read_scenario as read_scenario
     from ppmcal.io.tables import read_table as read_table
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ppmcal.errors import BadInput, refuse_unknown, unknown
 from ppmcal.io import parameter_reader as assemble
-from ppmcal.io.directions import rotation, square
+from ppmcal.io.directions import rotation, square, unit
 from ppmcal.io.effects import with_effects, with_limb_entries
 from ppmcal.io.limb_reader import LimbReader, limb_kind
 from ppmcal.io.mechanism_blocks import (
@@ -27,15 +27,14 @@ from ppmcal.io.noise_limits import refuse_tolerances
 from ppmcal.io.parameter_reader import Draft
 from ppmcal.io.pose_fields import COORDINATES, pose_from_map
 from ppmcal.io.schema import check, dotted
-from ppmcal.io.yaml import decimals, to_file
-from ppmcal.io.yaml_merge import IN_MEMORY, read_merged
+from ppmcal.io.yaml import IN_MEMORY, decimals, read_merged
 from ppmcal.kinematics.closed_at_home import held_twice
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import PASSIVE, Limb, Mechanism
 from ppmcal.model.motions import Motion
 from ppmcal.model.parameters import NO_TOLERANCE, Parameter, free_indices, unmatched
 from ppmcal.notes import NOTE, Note
-from ppmcal.units import Units, coordinate_quantity
+from ppmcal.units import Units, coordinate_quantity, to_file
 from ppmcal.wording import pluralize
 
 log = logging.getLogger(__package__)
@@ -223,16 +222,12 @@ def _parameters(file: MechanismFile, drafts: Sequence[Draft], units: Units, home
                 source: str) -> tuple[tuple[Parameter, ...], dict[str, float], list[Note]]:
     """Return all parameters, the class tolerances, file units, and a warning for each default."""
     given = {} if file.tolerances is None else file.tolerances.model_dump(exclude_none=True)
-    classes: dict[str, float | None] = {
-        c: None if c not in given else given[c] * units.factor(q)
-        for c, q in (("point", "length"), ("length", "length"), ("angle", "angle"))}
-    for q in ("length", "angle"):
-        classes[f"offset:{q}"] = None if "offset" not in given else (
-            given["offset"] * units.factor(q))
-    made, waiting = assemble.parameters(drafts, classes)
+    made, waiting = assemble.parameters(drafts, given, units)
     if not waiting:
         return made, given, []
-    made = assemble.with_defaults(made, waiting, _reach(drafts, made, home_pose))
+    default = {"length": 1e-3 * _reach(drafts, made, home_pose), "angle": 1e-3}
+    made = tuple(replace(p, tolerance=default[p.quantity]) if p.name in waiting else p
+                 for p in made)
     findings, said = list[Note](), set()
     for p in made:
         if p.name not in waiting:
@@ -283,8 +278,6 @@ def _by_actuator(given: Mapping[str, Any] | None, out: Array, actuators: Sequenc
 def _gravity(file: MechanismFile, source: str) -> Array:
     if file.gravity is None:
         return file.motion.gravity
-    from ppmcal.io.directions import unit
-
     if len(file.gravity) == 2 and file.motion.axes == 3:
         raise BadInput("two numbers cannot be a direction in space", f"{source}: gravity",
                        "Write three, such as [0, 0, -1]")

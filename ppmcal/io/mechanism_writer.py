@@ -15,10 +15,11 @@ from ppmcal.io.mechanism_blocks import gaps_tree, measurement_tree, stiffness_tr
 from ppmcal.io.mechanism_schema import FORMAT
 from ppmcal.io.pose_fields import pose_to_map
 from ppmcal.io.slots import SlotGroup, groups
-from ppmcal.io.yaml import dump_yaml, to_file
+from ppmcal.io.yaml import dump_yaml
 from ppmcal.model.limbs.chain import SlotSpec
 from ppmcal.model.mechanism import Limb, Mechanism
 from ppmcal.model.parameters import Parameter, free_indices
+from ppmcal.units import to_file
 
 
 class SlotWriter:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 
 from ppmcal.errors import BadInput
@@ -15,6 +15,7 @@ from ppmcal.model.limbs import LimbKind
 from ppmcal.model.limbs.chain import SlotSpec
 from ppmcal.model.parameters import Parameter, SlotMap, unmatched
 from ppmcal.notes import NOTE, Note
+from ppmcal.units import Units
 
 
 @dataclass(frozen=True)
@@ -66,27 +67,17 @@ class Draft:
         return "ratio" in self.direct
 
 
-ANGLE_DEFAULT = 1e-3
-REACH_FRACTION = 1e-3
-
-
 def key(entry: SlotEntry) -> str:
     """Return the name of the parameter that an entry belongs to."""
     return entry.given.share or entry.path
 
 
-def parameters(drafts: Sequence[Draft], classes: Mapping[str, float | None]
+def parameters(drafts: Sequence[Draft], classes: Mapping[str, float], units: Units
                ) -> tuple[tuple[Parameter, ...], set[str]]:
     """Return all parameters, in the order of their first slot, and those without a tolerance.
 
-    Args:
-        drafts: the limbs as read.
-        classes: tolerance class -> SI value; None where the file gives none. The class
-            ``offset`` is looked up as ``offset:length`` or ``offset:angle``.
-
-    Returns:
-        The parameters, and the names of those whose class the file does not give (tolerance
-        None as yet).
+    ``classes``: tolerances that the file gives, in its ``units``. What has a class that is not
+    among them is named in the second result, and has no tolerance as yet.
     """
     together: dict[str, list[SlotEntry]] = {}
     for draft in drafts:
@@ -98,7 +89,7 @@ def parameters(drafts: Sequence[Draft], classes: Mapping[str, float | None]
         if entries[0].given.share and name in paths:
             raise BadInput(f"the shared name '{name}' is also the path of a slot",
                            entries[0].place, "Choose another name")
-        parameter = _parameter(name, entries, classes)
+        parameter = _parameter(name, entries, classes, units)
         out.append(parameter)
         if parameter.tolerance is None and not parameter.per_unit and not all(
                 e.standing for e in entries):
@@ -106,8 +97,8 @@ def parameters(drafts: Sequence[Draft], classes: Mapping[str, float | None]
     return tuple(out), waiting
 
 
-def _parameter(name: str, entries: Sequence[SlotEntry], classes: Mapping[str, float | None]
-               ) -> Parameter:
+def _parameter(name: str, entries: Sequence[SlotEntry], classes: Mapping[str, float],
+               units: Units) -> Parameter:
     first, share = entries[0], entries[0].given.share
     spec, ratio = first.spec, first.spec.tolerance_class == "ratio"
     for entry in entries[1:]:
@@ -128,8 +119,8 @@ def _parameter(name: str, entries: Sequence[SlotEntry], classes: Mapping[str, fl
     own = _agreed(entries, "tolerance", name)
     standing = all(e.standing for e in entries)
     tolerance = own
-    if own is None and not ratio and not standing:
-        tolerance = classes.get(class_key(spec.tolerance_class, spec.quantity))
+    if own is None and not ratio and not standing and spec.tolerance_class in classes:
+        tolerance = classes[spec.tolerance_class] * units.factor(spec.quantity)
     fixed = (bool(_agreed(entries, "fixed", name)) or standing or tolerance == 0.0
              or (ratio and own is None))
     return Parameter(name, spec.quantity, value, value if nominal is None else nominal,
@@ -147,19 +138,6 @@ def _agreed(entries: Sequence[SlotEntry], field: str, name: str) -> float | None
                            f"here and at {given[0][0].path}", entry.place,
                            "Give it once, or the same everywhere")
     return None if not given else given[0][1]
-
-
-def class_key(tolerance_class: str, quantity: str) -> str:
-    """Return the key of a tolerance class: offsets of drives are lengths or angles."""
-    return f"offset:{quantity}" if tolerance_class == "offset" else tolerance_class
-
-
-def with_defaults(made: Sequence[Parameter], waiting: Collection[str], reach: float
-                  ) -> tuple[Parameter, ...]:
-    """Return the parameters with 1/1000 of the reach or 1e-3 rad where no class is given."""
-    default = {"angle": ANGLE_DEFAULT, "length": REACH_FRACTION * reach}
-    return tuple(replace(p, tolerance=default[p.quantity]) if p.name in waiting else p
-                 for p in made)
 
 
 def slot_map(draft: Draft, index: Mapping[str, int]) -> SlotMap:

@@ -20,8 +20,7 @@ from ppmcal.io.scenario_schema import PosesFile, ScenarioFile
 from ppmcal.io.schema import check, did_you_mean, is_number, show
 from ppmcal.io.sidecar import of_sight, station_of, tracked
 from ppmcal.io.sidecar_values import actuator_noise, frame_of, point_of, rotation_of
-from ppmcal.io.yaml import read_yaml
-from ppmcal.io.yaml_merge import IN_MEMORY
+from ppmcal.io.yaml import IN_MEMORY, read_yaml
 from ppmcal.limits import POSES, SIMULATED_ROWS
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import ZERO_CELSIUS, Unknown
@@ -265,6 +264,3 @@ def _poses(file: PosesFile, mechanism: Mechanism, units: Units, source: str, pat
                        "Use circle, grid or random")
     return Helix(center(h.center, "poses.helix.center"), h.diameter * length, h.pitch * length,
                  h.turns, h.count)
-
-
-__all__ = ["Circle", "GridPattern", "Helix", "Listed", "Random", "Scenario", "read_scenario"]

@@ -13,7 +13,6 @@ from helpers.paths import ROOT
 from numpy.typing import NDArray
 
 from ppmcal.io import read_mechanism, read_scenario
-from ppmcal.io.scenario import Circle, Random, Scenario
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward, smallest_singular_value
 from ppmcal.kinematics.inverse import Inverse, home_state
@@ -21,6 +20,7 @@ from ppmcal.kinematics.partial_pose import inverse_partial
 from ppmcal.model.instruments import POSE, POSITION
 from ppmcal.model.limbs import kinds
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.simulation.scenario import Circle, Random, Scenario
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from ppmcal.errors import BadInput
 from ppmcal.io import read_dataset, read_mechanism, read_poses, read_scenario, write_mechanism
-from ppmcal.io.yaml import decimals, dump_yaml, number_text, read_yaml, to_file
+from ppmcal.io.yaml import decimals, dump_yaml, number_text, read_yaml
 from ppmcal.model.limbs import kinds
+from ppmcal.units import to_file
 
 GOOD = ROOT / "tests" / "broken"
 SETTINGS = settings(max_examples=30, deadline=None,

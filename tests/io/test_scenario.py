@@ -6,7 +6,7 @@ import pytest
 from helpers.paths import ROOT
 
 from ppmcal.io import read_mechanism, read_scenario
-from ppmcal.io.scenario import Circle, GridPattern, Helix, Listed, Random
+from ppmcal.simulation.scenario import Circle, GridPattern, Helix, Listed, Random
 
 GOOD = ROOT / "tests" / "broken"
 BENCH = read_mechanism(GOOD / "good_bench.yaml")
