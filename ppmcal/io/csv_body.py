@@ -21,8 +21,6 @@ from ppmcal.io.csv_dialect import (
     cell_edges,
     decimal_of,
     is_number,
-    marks_of_cells,
-    one_mark,
     parse,
     plain_column,
     without_columns,
@@ -202,16 +200,30 @@ class _Reader:
         return io.TextIOWrapper(raw, encoding="utf-8", newline="")
 
     def _decimal(self) -> str:
-        """Return the decimal mark, told by the cells of the columns of numbers, or of all."""
+        """Return the decimal mark, told by the cells of the columns of numbers, or of all.
+
+        A point where there is none; points and commas, in one cell or in two, are refused.
+        """
         chosen = [h for h in self.header if h not in self.loose] or list(self.header)
         first: dict[str, str] = {}
         count = 0
         for span in self._spans():
             for rows in self._rows(*span, count):
                 columns = dict(zip(self.header, zip(*rows, strict=True), strict=True))
-                marks_of_cells(((h, columns[h]) for h in chosen), count, first)
+                for name in chosen:
+                    cells = columns[name]
+                    whole = "".join(cells)
+                    for mark in ".,":
+                        if mark in whole and mark not in first:
+                            row = next(i for i, cell in enumerate(cells) if mark in cell)
+                            first[mark] = (f"row {count + row + 1}, column {name} "
+                                           f"('{cells[row].strip()[:40]}')")
                 count += len(rows)
-        return one_mark(first, self.source)
+        if len(first) == 2:
+            raise BadInput(f"the numbers have decimal points in {first['.']} and commas in "
+                           f"{first[',']}", self.source, "Save it with one decimal mark, and with "
+                           "nothing between thousands")
+        return next(iter(first), ".")
 
     def _slow(self, rows: list[list[str]], count: int) -> _Part:
         """Return some rows as columns; ``count``: rows before them."""

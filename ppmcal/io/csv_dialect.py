@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +22,6 @@ from ppmcal.linalg import Array
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "spaces"}
 _QUOTED = re.compile(r'"[^"]*"')
 _DECLARED = re.compile(rb"\A\"?sep=([,;\t])\"?\n")
-ONE_MARK = "Save it with one decimal mark, and with nothing between thousands"
 _NUMERIC = b"0123456789+-.,eE\nnaN "
 PLAIN = re.compile(r"[-+]?(\d+(?:\.\d*)?|\.\d+)([eE][-+]?\d+)?|nan|NaN|NAN|[-+]?(inf|Inf|INF)",
                    re.ASCII)
@@ -95,36 +94,6 @@ def decimal_of(data: bytes, start: int, separator: str) -> str | None:
     return None if data.find(b".", start) >= 0 else ","
 
 
-def marks_of_cells(columns: Iterable[tuple[str, Sequence[str]]], before: int,
-                   first: dict[str, str]) -> None:
-    """Note in ``first`` where each decimal mark stands first in columns of numbers.
-
-    Args:
-        columns: name and n cells of each.
-        before: rows before these.
-        first: mark -> place and cell, so far.
-    """
-    for name, cells in columns:
-        whole = "".join(cells)
-        for mark in ".,":
-            if mark in whole and mark not in first:
-                row = next(i for i, cell in enumerate(cells) if mark in cell)
-                first[mark] = (f"row {before + row + 1}, column {name} "
-                               f"('{cells[row].strip()[:40]}')")
-
-
-def one_mark(first: Mapping[str, str], source: str) -> str:
-    """Return the only decimal mark of a file, a point where there is none.
-
-    Raises:
-        BadInput: points and commas both occur, in one cell or in two.
-    """
-    if len(first) == 2:
-        raise BadInput(f"the numbers have decimal points in {first['.']} and commas in "
-                       f"{first[',']}", source, ONE_MARK)
-    return next(iter(first), ".")
-
-
 # ---- plain numbers
 
 
@@ -184,30 +153,22 @@ def _unspaced(chunk: bytes) -> bytes:
 
 
 def _numbers(flat: bytes, size: int | None = None) -> Array | None:
-    """Return numbers separated by commas, as many as there are cells, else None."""
-    numbers = _as_json(flat)
-    if numbers is None:
-        numbers = _as_numbers(flat)
-    size = flat.count(b",") + 1 if size is None else size
-    return None if numbers is None or numbers.shape != (size,) else numbers
+    """Return numbers separated by commas, as many as there are cells, else None.
 
-
-def _as_json(flat: bytes) -> Array | None:
-    """Parse numbers as a JSON list: four times as fast as NumPy, correctly rounded."""
+    They are parsed as a JSON list, four times as fast as by NumPy and correctly rounded, unless
+    some are written as JSON does not know them: +1, 01, .5.
+    """
     try:
-        return np.array(from_json(b"[" + flat + b"]"), dtype=float)
+        numbers = np.array(from_json(b"[" + flat + b"]"), dtype=float)
     except (ValueError, OverflowError, TypeError):
-        return None
-
-
-def _as_numbers(flat: bytes) -> Array | None:
-    """Parse numbers that JSON does not know, such as +1, 01 and .5."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        try:
-            return np.fromstring(flat.decode("ascii"), dtype=float, sep=",")
-        except (ValueError, DeprecationWarning):
-            return None
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            try:
+                numbers = np.fromstring(flat.decode("ascii"), dtype=float, sep=",")
+            except (ValueError, DeprecationWarning):
+                return None
+    size = flat.count(b",") + 1 if size is None else size
+    return numbers if numbers.shape == (size,) else None
 
 
 def cell_edges(chunk: bytes, width: int, separator: str) -> NDArray[np.int64] | None:

@@ -95,12 +95,11 @@ def with_header(data: bytes, source: str) -> tuple[bytes, tuple[str, ...]]:
     start, split = found
     if split.mark == " ":
         split, lines = _spaced(lines, start)
-    header, start = _heading(lines, start, split)
-    remarks = [line for line in lines[:start] if header is None or line not in header.lines]
+    names, heading, start = _heading(lines, start, split)
+    remarks = [line for line in lines[:start] if line not in heading]
     rows = [line for line in lines[start:]
             if not _CLUTTER.match(line) or split.numbers(line) >= 3]
-    names = header.names if header else _names(rows, split, source)
-    return _as_csv(names, rows, split), _bare(remarks)
+    return _as_csv(names or _names(rows, split, source), rows, split), _bare(remarks)
 
 
 def _bare(remarks: Sequence[str]) -> tuple[str, ...]:
@@ -120,16 +119,8 @@ def _spaced(lines: list[str], start: int) -> tuple[Split, list[str]]:
     return Split(" "), lines
 
 
-@dataclass(frozen=True)
-class _Heading:
-    """The names of columns, and the lines that they stood in."""
-
-    names: list[str]
-    lines: list[str]
-
-
-def _heading(lines: list[str], start: int, split: Split) -> tuple[_Heading | None, int]:
-    """Return the heading above the rows, None where there is none, and where the rows begin."""
+def _heading(lines: list[str], start: int, split: Split) -> tuple[list[str], list[str], int]:
+    """Return names of columns and the lines that they stand in, if any, and where rows begin."""
     width = len(split.cells(lines[start]))
     above = [(i, _cells(lines[i], split, width)) for i in range(start)]
     whole = [(i, c) for i, c in above if c is not None and not _CLUTTER.match(lines[i])]
@@ -138,20 +129,20 @@ def _heading(lines: list[str], start: int, split: Split) -> tuple[_Heading | Non
         if last is None and start and not _CLUTTER.match(lines[start - 1]) and (
                 len(cells := split.cells(lines[start - 1])) > 2):
             last = start - 1, cells    # of another width: the reader says so
-        return (None, start) if last is None else (_Heading(last[1], [lines[last[0]]]), start)
+        return ([], [], start) if last is None else (last[1], [lines[last[0]]], start)
     first, names = whole[0]
     if all(names) and len(set(names)) == len(names):
         unit = next((c for i, c in whole if i == first + 1 and _is_units(c)), None)
         used = [first] + [first + 1] * (unit is not None)
         # what else is above the first row of numbers are rows without them
-        return _Heading(_with_units(names, unit), [lines[i] for i in used]), used[-1] + 1
+        return _with_units(names, unit), [lines[i] for i in used], used[-1] + 1
     unit = next((c for i, c in whole[1:] if i == start - 1 and _is_units(c)), None)
     named = [(i, c) for i, c in whole if c is not unit]
     last_names = named[-1][1]
     known = [n for n in last_names if n]
     if len(set(known)) < len(known) or len(known) < 3:
         last_names = _merged([c for _, c in named])
-    return _Heading(_with_units(last_names, unit), [lines[i] for i, _ in whole]), start
+    return _with_units(last_names, unit), [lines[i] for i, _ in whole], start
 
 
 def _cells(line: str, split: Split, width: int) -> list[str] | None:
