@@ -132,40 +132,34 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism,
     findings += names.ambiguous_directions(table.header, mechanism, source)
     joint = mechanism.joint_factors(units)
     q, commanded = joint_values(table, mechanism, units, joint)
-    seen = measured(table, mechanism, file, side)
+    seen, unused = measured(table, mechanism, file, side)
     sigma_actuator = actuator_noise(file.instrument.sigma.actuator, mechanism, joint, side)
     conditions = further_columns(table, mechanism, joint)
     approach, more = _approach(file, table)
-    to_q = second_joints(table, mechanism, joint, file.instrument.kind)
+    to_q = second_joints(table, mechanism, joint, kind)
     labels = _groups(table)
-    blind = file.instrument.kind.blind
-    meant = labels if not blind or "pose" in table.header else places(q, sigma_actuator,
-                                                                      mechanism.surplus)
-    groups = commanded_poses(meant, q, (to_q, commanded), sigma_actuator,
-                             file.instrument.kind.touches)
-    if blind:
+    meant = labels if not kind.blind or "pose" in table.header else places(q, sigma_actuator,
+                                                                           mechanism.surplus)
+    groups = commanded_poses(meant, q, (to_q, commanded), sigma_actuator, kind.touches)
+    if kind.blind:
         groups = with_misread(groups, meant, q, sigma_actuator)
     data = Dataset(
-        name=file.name or Path(source).stem, source=source, kind=file.instrument.kind,
+        name=file.name or Path(source).stem, source=source, kind=kind,
         rows=np.arange(1, len(table) + 1, dtype=np.int64), q=q, commanded=commanded,
-        position=seen.position, rotation=seen.rotation, value=seen.value, to_q=to_q,
-        sigma_position=seen.sigma_position, sigma_rotation=seen.sigma_rotation,
-        sigma_value=seen.sigma_value, sigma_actuator=sigma_actuator, groups=groups,
-        covariance=seen.covariance,
-        labels=labels,
+        **seen, to_q=to_q, sigma_actuator=sigma_actuator, groups=groups, labels=labels,
         columns=conditions, sessions=_sessions(table),
         frame=defined_frame(file, mechanism, units, side),
         target=point_of(file.target, mechanism.motion, units, side),
         target_rotation=rotation_of(file.target_rotation, units, side),
-        scale=scale_of(file.scale, file.instrument.kind, side),
+        scale=scale_of(file.scale, kind, side),
         offset=offset_of(file.instrument, units, side),
         estimated=file.instrument.sigma.estimated, homing=file.homing,
-        approach=approach, findings=(*findings, *seen.findings, *more,
+        approach=approach, findings=(*findings, *unused, *more,
                                      *_contradicted(labels, groups, source)),
         extra=_fixed_point(file, to_q, mechanism, units, side), units=units,
         convention=convention, read=read.model_dump(exclude_unset=True),
         headers=headers, headed=headed, recorded=recorded)
-    data.kind.refuse(mechanism.motion, mechanism.surplus, side, mechanism.gravity)
+    kind.refuse(mechanism.motion, mechanism.surplus, side, mechanism.gravity)
     refuse_noise(data, mechanism, side)
     _remark(data, table, file, side)
     data = replace(data, chance=chance(data, steps_of(plain.numbers, data, mechanism.reach)))

@@ -6,11 +6,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal.errors import BadInput, unknown
+from ppmcal.io.schema import LARGEST
 from ppmcal.kinematics.region import Grid, slice_axes, slice_grid
 from ppmcal.limits import GRID_POSES
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 
@@ -51,10 +52,7 @@ def read_grid(text: str | None, mechanism: Mechanism, levels: int = LEVELS[2]) -
         if ends is not None:
             unit = mechanism.units.factor("length" if axis < 3 else "angle")
             ranges[axis] = (ends[0] * unit, ends[1] * unit)
-    total = 1
-    for count in counts:
-        total *= count
-    GRID_POSES.refuse(total, PLACE)
+    GRID_POSES.refuse(math.prod(counts), PLACE)
     if len(axes) > mechanism.freedoms:
         raise BadInput(f"names {len(axes)} coordinates, but the machine has "
                        f"{mechanism.freedoms} freedoms", PLACE, "Name fewer")
@@ -84,12 +82,8 @@ def _span(span: str, name: str, part: str) -> tuple[tuple[float, float] | None, 
     return (low, high), count
 
 
-LARGEST = 1e12
-
-
-def read_point(given: str | Sequence[float] | None, mechanism: Mechanism, place: str = "--tool"
-               ) -> NDArray[np.float64]:
-    """Return the point (3,), m; the platform origin where none is given.
+def read_point(given: str | Sequence[float] | None, mechanism: Mechanism) -> Array:
+    """Return the point (3,), m, of ``--tool``; the platform origin where none is given.
 
     ``given``: ``X,Y,Z`` or numbers, in the mechanism file's unit of length.
 
@@ -107,7 +101,7 @@ def read_point(given: str | Sequence[float] | None, mechanism: Mechanism, place:
     if len(numbers) not in sizes or not all(
             math.isfinite(n) and abs(n) <= LARGEST for n in numbers):
         wanted = " or ".join(str(s) for s in sizes)
-        raise BadInput(f"'{text}' is not a point", place,
+        raise BadInput(f"'{text}' is not a point", "--tool",
                        f"Write {wanted} numbers in {mechanism.units.length}, such as "
                        f"{','.join(['0'] * (sizes[0] - 1))},-120")
     return np.array([*numbers, 0.0][:3]) * mechanism.units.factor("length")

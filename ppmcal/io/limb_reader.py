@@ -179,9 +179,6 @@ class LimbReader:
             return check(model, raw, self.source, prefix=f"{self.place}.{path}")
         return check(model, {"value": raw}, self.source, lambda _: "", f"{self.place}.{path}")
 
-    def _slot(self, raw: Any, path: str) -> SlotFile:
-        return self._given(SlotFile, raw, path)
-
     def _add(self, spec: SlotSpec, slot: SlotFile, joint: bool = False) -> None:
         """Turn a slot to SI and append it."""
         default = spec.default if slot.share is None or joint else None
@@ -205,7 +202,7 @@ class LimbReader:
                 f"{self.draft.name}.{spec.name}", self.at(spec.name), spec, SlotFile(),
                 spec.default, standing))
         else:
-            slot = self._slot(raw, spec.name)
+            slot = self._given(SlotFile, raw, spec.name)
             if (spec.is_bar or spec.wheel) and slot.value is not None and slot.value <= 0.0:
                 part = "pulley of radius" if spec.wheel else "rod of length"
                 raise BadInput(f"a {part} {slot.value:g} is not possible",
@@ -227,7 +224,7 @@ class LimbReader:
         for key, spec in names.items():
             path = f"{self.draft.name}.{spec.name}"
             if key in given or any(fnmatchcase(path, p) for p in self.patterns):
-                slot = self._slot(given[key], spec.name) if key in given else SlotFile()
+                slot = self._given(SlotFile, given[key], spec.name) if key in given else SlotFile()
                 if slot.nominal is None and slot.share is None:
                     slot = slot.model_copy(update={"nominal": 0.0})
                 self._add(spec, slot, joint=True)
@@ -239,7 +236,7 @@ class LimbReader:
         specs = group.parts | group.polar
         parts = point_parts(raw, list(group.parts), self.at(path))
         for axis, slot in parts.items():
-            self._add(specs[axis], self._slot(slot, specs[axis].name))
+            self._add(specs[axis], self._given(SlotFile, slot, specs[axis].name))
             if axis in group.parts:
                 self.draft.direct.append(specs[axis].name)
         if "radius" in parts:
@@ -253,7 +250,7 @@ class LimbReader:
         """
         path = group.path
         offset = next(s.name for s in self.kind.axis_offsets if s.needs == path)
-        slot = self._slot(0.0 if given.get(offset) is None else given[offset], offset)
+        slot = self._given(SlotFile, 0.0 if given.get(offset) is None else given[offset], offset)
         nominal = slot.value if slot.nominal is None else slot.nominal
         asked = isinstance(given[path], dict) and set(given[path]) - {"value"}
         names = [f"{self.draft.name}.{s.name}" for s in group.slots]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -177,30 +177,16 @@ def further_columns(table: Table, mechanism: Mechanism, joint: Array) -> dict[st
 # ---- what the instrument saw
 
 
-@dataclass(frozen=True)
-class Measured:
-    """SI; position and rotation (N, 3), value (N,), and their standard deviations.
-
-    ``covariance`` of positions (N, 3, 3), or of whole poses (N, 6, 6), whose coordinates are off
-    together.
-    """
-
-    position: Array
-    rotation: Array
-    value: Array
-    sigma_position: Array
-    sigma_rotation: Array
-    sigma_value: Array
-    findings: tuple[Note, ...]
-    covariance: Array | None = None
+Measured = tuple[dict[str, Any], list[Note]]
+"""Fields of a data set by name, SI: position, rotation, value, what sigmas they have and perhaps
+their covariance; and findings."""
 
 
-def _measured(n: int, findings: Sequence[Note], **known: Array) -> Measured:
+def _measured(n: int, findings: list[Note], **known: Array) -> Measured:
     """Return what was measured in N rows, nan where that is not among ``known``."""
-    shapes = {f"{of}{name}": shape for of in ("", "sigma_") for name, shape in (
-        ("position", (n, 3)), ("rotation", (n, 3)), ("value", (n,)))}
-    return Measured(findings=tuple(findings), **{
-        name: known.get(name, unknown(*shape)) for name, shape in shapes.items()})
+    nothing = {"position": unknown(n, 3), "rotation": unknown(n, 3), "value": unknown(n)}
+    return {**nothing, **{f"sigma_{name}": blank for name, blank in nothing.items()},
+            **known}, findings
 
 
 def measured(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -> Measured:
@@ -220,17 +206,16 @@ def measured(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -
     sigma_needs(file, side, bool(np.isfinite(rotation).any()))
     sigma, length = file.instrument.sigma, units.factor("length")
     own = _sigmas(table, "position", sigma.position, length)
-    seen = _measured(len(table), findings, position=position, rotation=rotation,
-                     sigma_position=own, sigma_rotation=_sigmas(
-                         table, "rotation", sigma.rotation, units.factor("angle")))
+    turns = _sigmas(table, "rotation", sigma.rotation, units.factor("angle"))
+    seen = {"position": position, "rotation": rotation, "sigma_position": own,
+            "sigma_rotation": turns}
     told = [name for name in CORRELATIONS if name in table.numbers]
     if told:
         _refuse_correlations(file, side, told[0])
-        both = np.concatenate([own, seen.sigma_rotation], axis=1)
-        return replace(seen, covariance=correlated_noise(
-            table, told, both if kind.sees_rotation else own))
-    if sigma.range is None:
-        return seen
+        both = np.concatenate([own, turns], axis=1)
+        seen["covariance"] = correlated_noise(table, told, both if kind.sees_rotation else own)
+    if told or sigma.range is None:
+        return _measured(len(table), findings, **seen)
     station = station_of(file.instrument, mechanism.motion, units, side)
     root = tracker_noise(np.nan_to_num(position), station, sigma.range * length,
                          (sigma.angle or 0.0) * units.factor("angle"))
@@ -239,7 +224,7 @@ def measured(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -
     total = np.where(np.isfinite(own), own, np.sqrt(np.diagonal(found, axis1=1, axis2=2)))
     alone = np.isfinite(own)[:, :, None] | np.isfinite(own)[:, None, :]
     found = np.where(alone, total[:, :, None] ** 2 * np.eye(3), found)
-    return replace(seen, sigma_position=total, covariance=found)
+    return _measured(len(table), findings, **seen | {"sigma_position": total, "covariance": found})
 
 
 def _refuse_correlations(file: SidecarFile, side: str, column: str) -> None:

@@ -10,6 +10,7 @@ import csv
 import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
@@ -96,10 +97,8 @@ def with_decimals(form: RecordedForm, steps: Mapping[str, float]) -> RecordedFor
         form: as it was recorded.
         steps: by column of ours the largest step that numbers may go by, the mechanism file's unit.
     """
-    return RecordedForm(tuple(
-        RecordedColumn(c.name, c.header, c.unit, c.factor, max(c.decimals, _needed(
-            steps.get(c.name, math.inf) / abs(c.factor)))) for c in form.columns),
-        form.separator, form.decimal)
+    return replace(form, columns=tuple(replace(c, decimals=max(c.decimals, _needed(
+        steps.get(c.name, math.inf) / abs(c.factor)))) for c in form.columns))
 
 
 def _needed(step: float) -> int:

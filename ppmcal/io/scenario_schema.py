@@ -26,7 +26,7 @@ from ppmcal.io.schema import (
     numbers,
     refuse,
 )
-from ppmcal.io.sidecar import ONE_OR_SEVERAL, targets_given
+from ppmcal.io.sidecar import ONE_OR_SEVERAL, Sigmas, targets_given
 from ppmcal.model.instruments import InstrumentKind, instruments
 
 FORMAT = "ppmcal/scenario/1"
@@ -119,21 +119,9 @@ _noise = each(numbers(
     "Write a number of 0 or more, or one for each actuator: {leg1: 0.003}"))
 
 
-class ScenarioSigmaFile(Strict):
+class ScenarioSigmaFile(Sigmas[Sigma]):
     """Standard deviations to simulate; 0 is allowed."""
 
-    position: Sigma | None = None
-    """Of each measured coordinate x, y, z."""
-    range: Sigma | None = None
-    """Of a tracker's distances, in place of `position`."""
-    angle: Sigma | None = None
-    """Of either angle of a tracker."""
-    rotation: Sigma | None = None
-    """Of each measured angle."""
-    height: Sigma | None = None
-    """Of a height (kind plane)."""
-    distance: Sigma | None = None
-    """Of a distance (kind distance)."""
     value: Sigma | None = None
     """Of what an encoder at a joint reads (kind joint)."""
     actuator: Annotated[Any, BeforeValidator(_noise)] = 0.0

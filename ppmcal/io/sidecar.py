@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 from pydantic import BeforeValidator, model_validator
@@ -47,6 +47,7 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import Motion
 from ppmcal.units import Units
 
+N = TypeVar("N")
 FORMAT = "ppmcal/dataset/1"
 EXAMPLE = """format: ppmcal/dataset/1
 units: {length: mm, angle: deg}
@@ -76,21 +77,26 @@ def targets_given(value: object) -> object:
     return {str(name).strip(): place for name, place in value.items()}
 
 
-class SigmaFile(Strict):
+class Sigmas(Strict, Generic[N]):
+    """Standard deviations of an instrument, numbers of a sort ``N``."""
+
+    position: N | None = None
+    """Of each measured coordinate x, y, z."""
+    range: N | None = None
+    """Of a tracker's distances, in place of `position`."""
+    angle: N | None = None
+    """Of either angle of a tracker."""
+    rotation: N | None = None
+    """Of each measured angle."""
+    height: N | None = None
+    """Of a height (kind plane)."""
+    distance: N | None = None
+    """Of a distance (kind distance)."""
+
+
+class SigmaFile(Sigmas[Positive]):
     """Standard deviations of the instrument and, optionally, of the drives."""
 
-    position: Positive | None = None
-    """Of each measured coordinate x, y, z."""
-    range: Positive | None = None
-    """Of a tracker's distances, in place of `position`."""
-    angle: Positive | None = None
-    """Of either angle of a tracker."""
-    rotation: Positive | None = None
-    """Of each measured angle."""
-    height: Positive | None = None
-    """Of a height (kind plane)."""
-    distance: Positive | None = None
-    """Of a distance (kind distance)."""
     value: Positive | None = None
     """Of what an encoder at a joint reads (kind joint), an angle or, of a slide, a length."""
     actuator: Annotated[Any, BeforeValidator(_noise)] = 0.0

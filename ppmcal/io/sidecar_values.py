@@ -10,10 +10,7 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal.errors import BadInput, refuse_unknown, unknown
 from ppmcal.io.pose_fields import pose_from_map
-from ppmcal.io.schema import (
-    is_number,
-    show,
-)
+from ppmcal.io.schema import is_number, show
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Unknown
@@ -26,14 +23,11 @@ NEAR_ONE = (0.5, 2.0)
 """A scale beyond is rather a wrong unit."""
 
 
-def frame_of(raw: object, motion: Motion, units: Units, source: str, where: str = "frame"
-             ) -> Unknown:
+def frame_of(raw: object, motion: Motion, units: Units, source: str) -> Unknown:
     """Return where the base stands in the measuring frame."""
-    if raw == "unknown":
-        return Unknown(True, np.zeros(6))
-    if raw == "known":
-        return Unknown(False, np.zeros(6))
-    place = f"{source}: {where}"
+    if raw in ("unknown", "known"):
+        return Unknown(raw == "unknown", np.zeros(6))
+    place = f"{source}: frame"
     if isinstance(raw, dict) and "same_as" in raw:
         name = raw["same_as"]
         if len(raw) > 1 or not isinstance(name, str | int) or isinstance(name, bool):
@@ -44,7 +38,7 @@ def frame_of(raw: object, motion: Motion, units: Units, source: str, where: str 
         raise BadInput("only measurements define a frame by points or by their first pose", place,
                        "Write unknown, known, or the pose")
     if isinstance(raw, dict):
-        pose = pose_from_map(raw, motion.frame_coordinates, units, source, where,
+        pose = pose_from_map(raw, motion.frame_coordinates, units, source, "frame",
                              needed=motion.coordinates)
         return Unknown(False, np.nan_to_num(pose))
     raise neither(raw, place, "a pose such as {x: 0, y: 0, rz: 0}, or {same_as: NAME}")
@@ -58,9 +52,9 @@ def point_of(raw: object, motion: Motion, units: Units, source: str, where: str 
                   f"a list of {' or '.join(str(s) for s in sizes)} numbers")
 
 
-def rotation_of(raw: object, units: Units, source: str, where: str = "target_rotation") -> Unknown:
+def rotation_of(raw: object, units: Units, source: str) -> Unknown:
     """Return a rotation vector (3,), rad: known (none), unknown, or given."""
-    return _three(raw, (3,), units.factor("angle"), f"{source}: {where}",
+    return _three(raw, (3,), units.factor("angle"), f"{source}: target_rotation",
                   "a rotation vector [rx, ry, rz]")
 
 
@@ -73,25 +67,24 @@ def _three(raw: object, sizes: tuple[int, ...], factor: float, place: str, form:
     return Unknown(False, np.array([*map(float, raw), 0.0][:3]) * factor)
 
 
-def scale_of(raw: object, kind: InstrumentKind, source: str, where: str = "scale") -> Unknown:
+def scale_of(raw: object, kind: InstrumentKind, source: str) -> Unknown:
     """Return what measured lengths are times the true ones (1,): known (1), unknown, or given.
 
     A printed part that shrank, a caliper or a tracker in another scale: all rows of the file are
     off together. ``{value: 0.995, sigma: 0.0015}``: fitted, known to be so near that.
     """
+    place = f"{source}: scale"
     if not kind.scales and raw not in ("known", 1, 1.0):
         raise BadInput("heights of a flat have no scale of their own" if kind.touches else
                        f"readings of the instrument '{kind}' are no lengths that have a scale",
-                       f"{source}: {where}",
-                       "Take it out; a scale goes with pose, position or distance")
+                       place, "Take it out; a scale goes with pose, position or distance")
     if raw in ("unknown", "known"):
         return Unknown(raw == "unknown", np.ones(1))
     if isinstance(raw, dict):
-        return _known_about(raw, source, where)
+        return _known_about(raw, place)
     if not _near_one(raw):
-        raise neither(raw, f"{source}: {where}",
-                       f"a number from {NEAR_ONE[0]:g} to {NEAR_ONE[1]:g}, such as 0.997, or "
-                       "{value: 0.995, sigma: 0.0015}")
+        raise neither(raw, place, f"a number from {NEAR_ONE[0]:g} to {NEAR_ONE[1]:g}, such as "
+                      "0.997, or {value: 0.995, sigma: 0.0015}")
     return Unknown(False, np.array([float(raw)]))
 
 
@@ -99,19 +92,19 @@ def _near_one(raw: object) -> TypeGuard[float]:
     return is_number(raw) and NEAR_ONE[0] <= raw <= NEAR_ONE[1]
 
 
-def _known_about(raw: Mapping[Any, Any], source: str, where: str) -> Unknown:
+def _known_about(raw: Mapping[Any, Any], place: str) -> Unknown:
     """Return a scale that is fitted, near a value by one standard deviation."""
     if set(raw) != {"value", "sigma"}:
-        raise BadInput(f"{show(raw)} is not a value with its standard deviation",
-                       f"{source}: {where}", "Write {value: 0.995, sigma: 0.0015}")
+        raise BadInput(f"{show(raw)} is not a value with its standard deviation", place,
+                       "Write {value: 0.995, sigma: 0.0015}")
     value, sigma = raw["value"], raw["sigma"]
     if not _near_one(value):
         raise BadInput(f"{show(value)} is not a number from {NEAR_ONE[0]:g} to {NEAR_ONE[1]:g}",
-                       f"{source}: {where}.value", "Write what the file shows over true lengths, "
+                       f"{place}.value", "Write what the file shows over true lengths, "
                        "such as 0.995")
     if not is_number(sigma) or not 0.0 < sigma < 1.0:
         raise BadInput(f"{show(sigma)} is not a standard deviation of a scale",
-                       f"{source}: {where}.sigma", "Write a number between 0 and 1, such as "
+                       f"{place}.sigma", "Write a number between 0 and 1, such as "
                        "0.0015; of a scale that is known for sure write the value alone")
     return Unknown(True, np.array([float(value)]), sigma=float(sigma))
 

@@ -17,11 +17,6 @@ def shipped(name: str) -> Path:
                    "Install ppmcal again")
 
 
-def folder() -> Path:
-    """Return the folder of the mechanism files."""
-    return shipped("configs")
-
-
 def sample_data() -> Path:
     """Return the folder of the sample campaign."""
     return shipped("sample_data")
@@ -30,7 +25,7 @@ def sample_data() -> Path:
 def templates() -> dict[str, str]:
     """Return name -> first comment line of every file."""
     out = {}
-    for path in sorted(folder().glob("*.yaml")):
+    for path in sorted(shipped("configs").glob("*.yaml")):
         first = path.read_text(encoding="utf-8").split("\n", 1)[0]
         out[path.stem] = first.lstrip("# ").rstrip()
     return out
@@ -53,7 +48,7 @@ def find_template(name: str) -> Path:
                        f"'{name}' does not say which joint is driven", "init", f"Give {listed}")
     if wanted is None:
         raise unknown("mechanism", name, templates(), "init")
-    return folder() / f"{wanted}.yaml"
+    return shipped("configs") / f"{wanted}.yaml"
 
 
 def for_editors(path: Path, kind: str, stem: str) -> str:
