@@ -184,12 +184,8 @@ def _read_of(table: Table, read: ReadFile, mine: Mapping[str, str], every: Mappi
              ) -> dict[str, Any]:
     """Return the sidecar's block as it is for the columns of one target, by its fields.
 
-    Args:
-        table: the whole one.
-        read: the block.
-        mine: header -> our column, of the target.
-        every: headers of all targets -> what these columns may be called too, however they are
-            spelt: ``T1_x``.
+    ``mine``: header -> our column, of the target; ``every``: headers of all targets -> what these
+    columns may be called too, however they are spelt: ``T1_x``.
     """
     called = {h: own for own, h in read.columns.items()}
     names = {h: called.get(h, bare_name(h)) for h in table.header}

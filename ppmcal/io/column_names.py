@@ -95,12 +95,7 @@ def check_columns(header: Sequence[str], mechanism: Mechanism, source: str,
 
 
 def is_nobodys(name: str, known: Collection[str]) -> bool:
-    """Whether a column is none of ours, and none that was perhaps meant to be.
-
-    Args:
-        name: without its unit.
-        known: names of our columns.
-    """
+    """Whether a name without its unit is none of ``known`` columns, nor was perhaps meant to be."""
     return not (name in known or name.startswith(OURS)
                 or get_close_matches(name, known, 1, MISSPELT))
 
@@ -109,11 +104,8 @@ def strangers(columns: Mapping[str, Sequence[str] | None], mechanism: Mechanism,
               known: Collection[str], source: str) -> tuple[list[str], list[Note]]:
     """Return the columns that nobody needs, and that they are left alone.
 
-    Args:
-        columns: under our own names, but for these -> cells, where they are words.
-        mechanism: the machine.
-        known: names of our columns for it, and of what they are made of.
-        source: what messages call the table.
+    ``columns``: name -> cells, where they are words; ``known``: names of our columns for the
+    machine, and of what they are made of.
 
     Raises:
         BadInput: a column that was perhaps meant to be one of ours, or words where it has numbers.

@@ -213,13 +213,9 @@ def remark_table(table: Table) -> None:
 
 def refuse_absurd(numbers: Mapping[str, Array], source: str, largest: float = LARGEST,
                   infinite: bool = False) -> None:
-    """Refuse numbers that no machine has; they would only end in overflow.
+    """Refuse columns (N,) with numbers that no machine has; they would only end in overflow.
 
-    Args:
-        numbers: columns (N,) by name.
-        source: what messages call the table.
-        largest: the largest number that is taken.
-        infinite: whether inf is taken all the same.
+    ``largest``: the largest number that is taken; ``infinite``: whether inf is all the same.
     """
     for name, values in numbers.items():
         with np.errstate(invalid="ignore"):

@@ -71,14 +71,6 @@ def read_body(data: bytes, start: int, header: tuple[str, ...], source: str,
 
     By name those of numbers (N,), nan where empty, and those of words; N; and the dialect.
 
-    Args:
-        data: of the file, UTF-8, lines ended by newlines.
-        start: behind the header.
-        header: names of the columns.
-        source: what messages call the file.
-        cells: what the columns may hold.
-        separator: of the columns.
-
     Raises:
         BadInput: ragged rows, none at all, two decimal marks, or a cell that is not a number.
     """

@@ -59,11 +59,7 @@ def declared(data: bytes) -> tuple[bytes, str | None]:
 
 
 def separator_of(data: bytes, source: str) -> str:
-    r"""Return what separates the columns, told by the header and the first row under it.
-
-    Args:
-        data: of the file, UTF-8, with ``\n`` line ends.
-        source: what messages call it.
+    """Return what separates the columns, told by the header and the first row under it.
 
     Raises:
         BadInput: the header is separated by another mark than the rows.

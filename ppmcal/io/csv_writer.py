@@ -22,11 +22,8 @@ def csv_lines(header: Sequence[str], columns: Sequence[Any],
               over: Sequence[float | None] | None = None) -> LongText:
     """Return a CSV with 17 significant digits.
 
-    Args:
-        header: column names.
-        columns: one sequence or array (N,) for each; floats, integers, booleans or words
-            (None is an empty cell).
-        over: what a column's numbers are divided by as they are written, None: nothing.
+    ``columns``: sequences or arrays (N,) of floats, integers, booleans or words (None is an empty
+    cell); ``over``: what a column's numbers are divided by as they are written, None: nothing.
     """
     units = over or [None] * len(columns)
     arrays = [_printable(c if unit is None else np.asarray(c, dtype=float))

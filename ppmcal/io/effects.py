@@ -94,13 +94,7 @@ class EffectsFile(Strict):
 
 
 def with_effects(mechanism: Mechanism, raw: object, units: Units, source: str) -> Mechanism:
-    """Return the machine with the effects of a file added.
-
-    Args:
-        mechanism: the machine so far.
-        raw: the list as it stands in the file, or None.
-        units: of the file.
-        source: its path, for messages.
+    """Return the machine with the effects of a file added, the list ``raw`` (or None) in its units.
 
     Raises:
         BadInput: an unknown kind, actuator or parameter, a value out of range.

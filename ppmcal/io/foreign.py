@@ -80,12 +80,8 @@ def foreign_tables(path: Path, mechanism: Mechanism, read: ReadFile, side: str,
                    kind: InstrumentKind | None = None) -> list[ForeignTable]:
     """Return the tables of a foreign file: one, or of a bag one for each message type.
 
-    Args:
-        path: CSV, list of points, ROS recording, log of Klipper, spreadsheet or Parquet.
-        mechanism: for the names of its actuators.
-        read: the sidecar's block; what it says of other files' columns is none of this one.
-        side: what messages call the sidecar.
-        kind: of the instrument, where that is known.
+    It is a CSV, list of points, ROS recording, log of Klipper, spreadsheet or Parquet. What the
+    sidecar's block ``read`` says of other files' columns is none of this one.
 
     Raises:
         BadInput: as :func:`csv_table` and :func:`with_header`, or an unknown unit in a header.

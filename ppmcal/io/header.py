@@ -197,13 +197,6 @@ def header_columns(table: Table, read: ReadFile, mechanism: Mechanism, side: str
                    kind: InstrumentKind | None = None) -> tuple[Columns, list[Note]]:
     """Return the columns of a table without those to be left alone, and what was concluded.
 
-    Args:
-        table: as it was read.
-        read: the sidecar's block.
-        mechanism: for its actuators.
-        side: what messages call the sidecar.
-        kind: of the instrument, where that is known.
-
     Raises:
         BadInput: an unknown unit, two columns of one name, a header in the block that the file
             does not have, or a last row of matrices that is not 0, 0, 0, 1.
@@ -219,12 +212,7 @@ def bare_columns(table: Table, read: ReadFile, known: Collection[str]) -> list[H
     """Return the columns by their headers alone: names without brackets, and units.
 
     A header that the sidecar names as it stands keeps its name; what it has in brackets counts
-    where it is a unit.
-
-    Args:
-        table: as it was read.
-        read: the sidecar's block.
-        known: names of our own columns: what stands in brackets behind one must be a unit.
+    where it is a unit, as it must be behind a name that is ``known``.
 
     Raises:
         BadInput: an unknown unit, or two columns of one name but for the unit.

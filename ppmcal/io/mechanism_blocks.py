@@ -88,15 +88,8 @@ def read_stiffness(default: Any, raw: Sequence[Mapping[Any, Any]], limbs: Sequen
                    units: Units, source: str) -> tuple[dict[str, float], ...]:
     """Return the stiffness of each limb's parts, SI, without those that are rigid.
 
-    Args:
-        default: the file's ``stiffness``, None where there is none.
-        raw: the file's limbs, whose own ``stiffness`` goes before the default.
-        limbs: the limbs as read.
-        units: units of the file.
-        source: file name for messages.
-
-    Returns:
-        one mapping for each limb; nothing at all where no limb has a spring.
+    One mapping for each limb; nothing at all where no limb has a spring. What limbs have in the
+    file, ``raw``, goes before its ``default``.
 
     Raises:
         BadInput: an unknown key, a joint that the kind does not have, a value that is not a
@@ -250,12 +243,7 @@ def read_measured(file: MeasurementFile | None, units: Units, actuators: Sequenc
                   joints: Array, source: str) -> MeasurementBasis | None:
     """Return what the calibration saw, None where the file does not say.
 
-    Args:
-        file: the block.
-        units: of the mechanism file.
-        actuators: names of the joints.
-        joints: SI value of one unit of each (k,).
-        source: the mechanism file.
+    ``joints``: SI value of one unit of each actuator (k,).
 
     Raises:
         BadInput: a range of a column that there is not.

@@ -175,11 +175,7 @@ def write_mechanism(mechanism: Mechanism, comment: str = "") -> str:
     Numbers have as many digits (at most 17) as it takes to read back equal. A slot is a plain
     number where that loses nothing, else ``{value, nominal, sigma, tolerance, fixed, share}``.
     Directions are written as they stand now, with the nominal ones beside; see
-    :mod:`ppmcal.io.directions`.
-
-    Args:
-        mechanism: the machine, SI.
-        comment: lines to put at the top.
+    :mod:`ppmcal.io.directions`. ``comment``: lines to put at the top.
     """
     writer = SlotWriter(mechanism)
     stiffness, own = stiffness_trees(mechanism)

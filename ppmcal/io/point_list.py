@@ -75,10 +75,6 @@ def with_header(data: bytes, source: str) -> tuple[bytes, tuple[str, ...]]:
     The columns of a list without one are ``group1`` ..., ``pose``, ``x``, ``y``, ``z`` and
     perhaps ``time``. What is a CSV with a header stays as it is, but for remarks.
 
-    Args:
-        data: of the file.
-        source: what messages call it.
-
     Raises:
         BadInput: rows of numbers that are not name, x, y, z and time.
     """

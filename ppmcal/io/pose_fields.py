@@ -78,13 +78,7 @@ def pose_from_map(data: object, allowed: Sequence[str], units: Units, source: st
                   needed: Sequence[str] | None = None) -> Array:
     """Return the pose (6,) of a mapping; coordinates outside ``allowed`` are 0.
 
-    Args:
-        data: the mapping from YAML.
-        allowed: coordinates that this pose may have.
-        units: units of the file.
-        source: file name for messages.
-        where: place in it.
-        needed: coordinates that must be given (default: all allowed); others are nan.
+    Those of ``needed`` must be given  [default: all allowed], others are nan.
 
     Raises:
         BadInput: a key that does not fit, a missing one, or a quaternion off its norm.

@@ -63,10 +63,7 @@ def in_units(table: Table, columns: Columns, read: ReadFile, mechanism: Mechanis
 def in_own_units(table: Table, mechanism: Mechanism, known: Callable[[str], bool]) -> Table:
     """Return a table without a sidecar in the mechanism file's units, with bare names.
 
-    Args:
-        table: as it was read.
-        mechanism: for its units and actuators.
-        known: says of a name whether it is one of our columns; others stay as they are.
+    ``known`` says of a name whether it is one of our columns; others stay as they are.
 
     Raises:
         BadInput: an unknown unit, counts, one that the column cannot be in, or two columns of one

@@ -36,14 +36,8 @@ def form_of(table: Table, columns: Columns, read: ReadFile, mechanism: Mechanism
             ) -> RecordedForm | None:
     """Return how a file has joints or commanded poses, None where it has neither in full.
 
-    Commanded quaternions are not written again.
-
-    Args:
-        table: under our own names, with the file's own numbers.
-        columns: of the file, with their units and signs.
-        read: the sidecar's block.
-        mechanism: for its actuators and units.
-        units: of the sidecar.
+    Commanded quaternions are not written again. ``table`` has our own names, and the file's own
+    numbers, in the sidecar's ``units``.
     """
     joints = [f"q_{a}" for a in mechanism.actuators]
     commanded = [f"cmd_{c}" for c in COORDINATES]
@@ -93,9 +87,7 @@ def decimals_of(values: Array) -> int:
 def with_decimals(form: RecordedForm, steps: Mapping[str, float]) -> RecordedForm:
     """Return a form whose columns have digits enough for some steps, never fewer than they had.
 
-    Args:
-        form: as it was recorded.
-        steps: by column of ours the largest step that numbers may go by, the mechanism file's unit.
+    ``steps``: by column of ours the largest that numbers may go by, the mechanism file's unit.
     """
     return replace(form, columns=tuple(replace(c, decimals=max(c.decimals, _needed(
         steps.get(c.name, math.inf) / abs(c.factor)))) for c in form.columns))

@@ -209,10 +209,8 @@ def is_bag(data: bytes) -> bool:
 def bag_tables(path: Path, mechanism: Mechanism, topics: Sequence[str] = ()) -> list[Recording]:
     """Return joint states and poses of a bag, one recording each.
 
-    Args:
-        path: ``.bag``, ``.mcap``, ``.db3``, or the folder of a bag of ROS 2.
-        mechanism: for the names of its actuators.
-        topics: to read  [default: the only ones of their types].
+    ``path``: ``.bag``, ``.mcap``, ``.db3``, or the folder of a bag of ROS 2; ``topics``: to read
+    [default: the only ones of their types].
 
     Raises:
         BadInput: rosbags is not there, the file is damaged, there is no such topic, or several

@@ -257,14 +257,10 @@ class UnitsFile(Strict):
 
 def check(model: type[T], data: object, source: str,
           place: Callable[[Sequence[int | str]], str] | None = None, prefix: str = "") -> T:
-    """Return ``data`` as ``model``.
+    """Return plain data from YAML as ``model``.
 
-    Args:
-        model: the pydantic model.
-        data: plain data from YAML.
-        source: file name for messages.
-        place: turns a pydantic location into words; default joins it with dots.
-        prefix: place of ``data`` itself within the file.
+    ``place`` turns a pydantic location into words  [default: joined with dots]; ``prefix`` is the
+    place of ``data`` itself within the file.
 
     Raises:
         BadInput: the first problem, with the number of further ones.

@@ -165,12 +165,8 @@ def absent_axes(kind: LimbKind, given: Mapping[str, Any], at: Callable[[str], st
                 ) -> dict[str, str]:
     """Return the slots of universal joints that a limb does not have -> what it would take.
 
-    A first axis is there where the file gives it, and its offset with it.
-
-    Args:
-        kind: of the limb.
-        given: what the file gives, by path (``base.axis_offset``).
-        at: a path -> its place in the file, for messages.
+    A first axis is there where the file gives it, and its offset with it, by path
+    (``base.axis_offset``); ``at``: a path -> its place in the file, for messages.
 
     Raises:
         BadInput: an offset without its axis, or a universal joint at both ends.

@@ -221,10 +221,9 @@ def refuse_without_pyarrow(source: str) -> None:
 
 
 def parquet_bytes(columns: Mapping[str, tuple[str, Sequence[Any]]]) -> bytes:
-    """Return a Parquet file.
+    """Return a Parquet file of columns: name -> kind and N cells, None for an empty one.
 
-    Args:
-        columns: name -> kind (``text``, ``float`` or ``int``) and N cells; None is an empty one.
+    Kinds are ``text``, ``float`` and ``int``.
     """
     import pyarrow
     from pyarrow import parquet
