@@ -15,7 +15,7 @@ from itertools import chain
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.io.csv_body import Cells, read_body
+from ppmcal.io.csv_body import Body, Cells
 from ppmcal.io.csv_dialect import PLAIN, Dialect, declared, separator_of
 from ppmcal.limits import TABLE_COLUMNS, refuse_long_lines, refuse_shape
 from ppmcal.linalg import Array, Bools
@@ -126,7 +126,7 @@ def csv_table(data: bytes, source: str, cells: Cells | Callable[[str], bool],
                          {h: () for h in wanted if cells.words(h)}, 0)
         raise BadInput("has a header but no rows", source, "Add at least one row of numbers")
     refuse_shape(data.count(b"\n", first + 1), len(header), source)
-    return Table(source, header, *read_body(data, first + 1, header, source, cells, separator))
+    return Table(source, header, *Body(data, first + 1, header, source, cells, separator).read())
 
 
 def whole_rows(pieces: Iterable[bytes]) -> Iterator[bytes]:

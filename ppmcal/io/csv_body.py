@@ -64,34 +64,8 @@ class _Part:
     numbers: Mapping[str, Array] = field(default_factory=dict)
 
 
-def read_body(data: bytes, start: int, header: tuple[str, ...], source: str,
-              cells: Cells, separator: str) -> tuple[Mapping[str, Array], Mapping[
-                  str, tuple[str, ...]], int, Dialect]:
-    """Return the rows of a CSV from byte ``start`` on as columns.
-
-    By name those of numbers (N,), nan where empty, and those of words; N; and the dialect.
-
-    Raises:
-        BadInput: ragged rows, none at all, two decimal marks, or a cell that is not a number.
-    """
-    reader = _Reader(data, start, header, source, cells, separator)
-    parts = list(reader.parts())
-    size = sum(p.size for p in parts)
-    if not size:
-        raise BadInput("has a header but no rows", source, "Add at least one row of numbers")
-    blocks = [p.block for p in parts if p.block is not None and not p.words]
-    if len(blocks) == len(parts) and reader.wanted == header and not reader.always:
-        whole = np.concatenate(blocks) if len(blocks) != 1 else blocks[0]
-        return {h: whole[:, i] for i, h in enumerate(header)}, {}, size, reader.dialect
-    wordy = reader.always.union(*(p.wordy for p in parts))
-    return ({h: np.concatenate([reader.numbers(p, h) for p in parts])
-             for h in reader.wanted if h not in wordy},
-            {h: tuple(chain.from_iterable(reader.words(p, h) for p in parts))
-             for h in reader.wanted if h in wordy}, size, reader.dialect)
-
-
-class _Reader:
-    """The rows of one file, and the dialect that they turn out to be in."""
+class Body:
+    """The rows of a file from byte ``start`` on, and the dialect that they turn out to be in."""
 
     def __init__(self, data: bytes, start: int, header: tuple[str, ...], source: str,
                  cells: Cells, separator: str) -> None:
@@ -105,22 +79,39 @@ class _Reader:
         self.dialect = Dialect(separator, decimal or ".")
         self.known = decimal is not None
 
-    def parts(self) -> Iterator[_Part]:
+    def read(self) -> tuple[Mapping[str, Array], Mapping[str, tuple[str, ...]], int, Dialect]:
+        """Return the columns of numbers (N,), nan where empty, those of words, N, and the dialect.
+
+        Raises:
+            BadInput: ragged rows, none at all, two decimal marks, or a cell that is not a number.
+        """
+        parts = list(self._parts())
+        size = sum(p.size for p in parts)
+        if not size:
+            raise BadInput("has a header but no rows", self.source,
+                           "Add at least one row of numbers")
+        blocks = [p.block for p in parts if p.block is not None and not p.words]
+        if len(blocks) == len(parts) and self.wanted == self.header and not self.always:
+            whole = np.concatenate(blocks) if len(blocks) != 1 else blocks[0]
+            return {h: whole[:, i] for i, h in enumerate(self.header)}, {}, size, self.dialect
+        wordy = self.always.union(*(p.wordy for p in parts))
+        return ({h: np.concatenate([self._numbers(p, h) for p in parts])
+                 for h in self.wanted if h not in wordy},
+                {h: tuple(chain.from_iterable(self._words(p, h) for p in parts))
+                 for h in self.wanted if h in wordy}, size, self.dialect)
+
+    def _parts(self) -> Iterator[_Part]:
         """Yield the rows part by part."""
         count, width = 0, len(self.header)
-        ours = None if self.dialect.plain else self.dialect.translation()
         fast, settled = self.known and not self.quoted, self.dialect.separator == ","
         for start, stop in self._spans():
-            chunk = self.data[start:stop] if fast else b""
-            block = parse(chunk if ours is None else chunk.translate(ours), width) if fast else None
+            block = parse(self.dialect.plain(self.data[start:stop]), width) if fast else None
             if block is not None:
-                count += len(block)
-                yield _Part(len(block), block, (start, stop))
-                continue
-            if not settled:
-                self.dialect, settled = Dialect(self.dialect.separator, self._decimal()), True
-                ours = None if self.dialect.plain else self.dialect.translation()
-            part = self._beside_words(start, stop, ours) if not self.quoted else None
+                part: _Part | None = _Part(len(block), block, (start, stop))
+            else:
+                if not settled:
+                    self.dialect, settled = Dialect(self.dialect.separator, self._decimal()), True
+                part = self._beside_words(start, stop) if not self.quoted else None
             if part is not None:
                 count += part.size
                 yield part
@@ -129,15 +120,14 @@ class _Reader:
                 yield self._slow(rows, count)
                 count += len(rows)
 
-    def _beside_words(self, start: int, stop: int, ours: bytes | None) -> _Part | None:
+    def _beside_words(self, start: int, stop: int) -> _Part | None:
         """Return lines whose words stand in the columns of words only, None where they do not."""
         chunk, width = self.data[start:stop], len(self.header)
         among = [i for i, h in enumerate(self.header) if h in self.loose]
         edges = cell_edges(chunk, width, self.dialect.separator) if among else None
         if edges is None:
             return None
-        bare = without_columns(chunk, edges, among)
-        block = parse(bare if ours is None else bare.translate(ours), width)
+        block = parse(self.dialect.plain(without_columns(chunk, edges, among)), width)
         if block is None:
             return None
         words = {self.header[i]: words_of(chunk, edges, i) for i in among
@@ -231,14 +221,14 @@ class _Reader:
                 numbers[name] = self._column(cells, name, count)
         return _Part(len(rows), None, (0, 0), words, self._wordy(words), numbers)
 
-    def numbers(self, part: _Part, name: str) -> Array:
+    def _numbers(self, part: _Part, name: str) -> Array:
         """Return one column of a part (n,)."""
         if name in part.words:
             return self._column(part.words[name], name, 0)
         return part.numbers[name] if part.block is None else np.asarray(
             part.block[:, self.header.index(name)])
 
-    def words(self, part: _Part, name: str) -> Iterable[str]:
+    def _words(self, part: _Part, name: str) -> Iterable[str]:
         """Return one column of a part as it stands in the file."""
         if name in part.words:
             return part.words[name]

@@ -40,16 +40,11 @@ class Dialect:
         return (f"separated by {SEPARATORS[self.separator]}, decimal "
                 f"{'points' if self.decimal == '.' else 'commas'}")
 
-    @property
-    def plain(self) -> bool:
-        """Whether it is the one in which everything is parsed: commas and points."""
-        return self == Dialect()
-
-    def translation(self) -> bytes:
-        """Return the table of ``bytes.translate`` from this dialect to commas and points."""
-        ours, theirs = self.separator.encode(), self.decimal.encode()
-        return bytes.maketrans(ours, b",") if theirs == b"." else bytes.maketrans(
-            ours + theirs, b",.")
+    def plain(self, rows: bytes) -> bytes:
+        """Return rows of this dialect in the one in which all are parsed: commas and points."""
+        if self == Dialect():
+            return rows
+        return rows.translate(bytes.maketrans(f"{self.decimal}{self.separator}".encode(), b".,"))
 
 
 def declared(data: bytes) -> tuple[bytes, str | None]:

@@ -245,8 +245,7 @@ def _split(header: str, place: str, known: Collection[str]) -> tuple[str, str]:
         return name, ""
     ours = name in known or name.startswith("temperature_")
     if ours and unit not in BARE:
-        error = unknown("unit", unit, UNITS)
-        raise BadInput(error.what, f"{place}, column {header}", error.hint)
+        raise unknown("unit", unit, UNITS, f"{place}, column {header}")
     return (name, "") if ours else (header, "")
 
 

@@ -99,29 +99,29 @@ def joint_values(table: Table, mechanism: Mechanism, units: Units, joint: Array
             ) -> tuple[Array, Array | None]:
     """Return q (N, k) and commanded poses (N, 6) or None; refuse a file without either."""
     names = [f"q_{a}" for a in mechanism.actuators]
-    have = [n for n in names if n in table.header]
-    commands = [c for c in table.header if c.startswith("cmd_")]
-    if not commands and len(have) < len(names):
-        missing = [n for n in names if n not in have]
-        raise BadInput(f"there is no column {', '.join(missing)}", f"{table.source}: header",
+    commands, place = [c for c in table.header if c.startswith("cmd_")], f"{table.source}: header"
+    missing = [n for n in names if n not in table.header]
+    if missing and not commands:
+        raise BadInput(f"there is no column {', '.join(missing)}", place,
                        "Give the joint values of all actuators, or commanded poses (cmd_x, ...)")
-    _refuse_empty(table, have, "Fill it in, or remove the column")
+    _refuse_empty(table, [n for n in names if n not in missing],
+                  "Fill it in, or remove the column")
     q = stacked(table, names) * joint
     if not commands:
         return q, None
-    if len(have) == len(names):
-        raise BadInput("there are joint columns (q_...) and commanded poses (cmd_...)",
-                       f"{table.source}: header", "Keep the columns that the controller used: "
+    if not missing:
+        raise BadInput("there are joint columns (q_...) and commanded poses (cmd_...)", place,
+                       "Keep the columns that the controller used: "
                        f"remove {', '.join(commands)}, or the q_ columns")
-    if have and len(have) < len(names):
-        raise BadInput(f"the columns {', '.join(n for n in names if n not in have)} are missing",
-                       f"{table.source}: header", "Give all joint columns, or only cmd_ columns")
+    if len(missing) < len(names):
+        raise BadInput(f"the columns {', '.join(missing)} are missing", place,
+                       "Give all joint columns, or only cmd_ columns")
     commanded = poses(table, mechanism, units, "cmd_")
     given = [mechanism.coordinates[i] for i, d in enumerate(mechanism.dof)
              if np.isfinite(commanded[:, d]).any()]
     if len(given) < mechanism.freedoms:
         lacking = [f"cmd_{c}" for c in mechanism.coordinates if c not in given]
-        raise BadInput(f"the commanded pose lacks {', '.join(lacking)}", f"{table.source}: header",
+        raise BadInput(f"the commanded pose lacks {', '.join(lacking)}", place,
                        f"A pose of this machine needs {mechanism.freedoms} of "
                        f"{', '.join('cmd_' + c for c in mechanism.coordinates)}")
     return q, commanded

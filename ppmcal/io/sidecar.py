@@ -145,7 +145,7 @@ class SidecarFile(Strict):
         kind = _kind_named(data)
         if kind is None:
             return data
-        if kind.along_line and _without_point(data):
+        if kind.along_line and data["instrument"].get("point") is None:
             data = {"frame": "known", **data}      # between two platform positions: it has none
         # an instrument that shows joints alone has neither, whatever is written, nor tilts a target
         last = {"frame": "known"} if kind.inside else {}
@@ -183,11 +183,6 @@ def _kind_named(data: Any) -> InstrumentKind | None:
     instrument = data.get("instrument") if isinstance(data, Mapping) else None
     name = instrument.get("kind") if isinstance(instrument, Mapping) else None
     return instruments().get(name) if isinstance(name, str) else None
-
-
-def _without_point(data: Mapping[str, Any]) -> bool:
-    instrument = data["instrument"]
-    return isinstance(instrument, Mapping) and instrument.get("point") is None
 
 
 def sidecar_path(csv_path: Path) -> Path:
