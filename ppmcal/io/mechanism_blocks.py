@@ -265,7 +265,14 @@ def measurement_tree(mechanism: Mechanism) -> dict[str, Any]:
     """Return the block as plain data, empty where there is nothing to keep."""
     out: dict[str, Any] = {}
     if mechanism.registrations:
-        out["datasets"] = _registrations(mechanism)
+        units = mechanism.units
+        length, angle = units.factor("length"), units.factor("angle")
+        out["datasets"] = {name: {
+            "frame": pose_to_map(r.frame_pose, mechanism.motion.frame_coordinates, units),
+            "target": [to_file(float(v), length) for v in r.target],
+            "target_rotation": [to_file(float(v), angle) for v in r.target_rotation],
+            **({} if r.scale == 1.0 else {"scale": r.scale}),
+        } for name, r in mechanism.registrations.items()}
     seen = mechanism.measured
     if seen is not None and np.isfinite(seen.sigma_ratio):
         out["noise"] = {"sigma_ratio": seen.sigma_ratio,
@@ -290,13 +297,3 @@ def _columns(units: Units, actuators: Sequence[str], joints: Array
     return {**{c: (units.factor(coordinate_quantity(c)), 0.0) for c in COORDINATES},
             **{f"q_{a}": (float(f), 0.0) for a, f in zip(actuators, joints, strict=True)},
             **{c: (1.0, zero) for c, zero in CONDITIONS.items()}}
-
-
-def _registrations(mechanism: Mechanism) -> Mapping[str, Any]:
-    units = mechanism.units
-    return {name: {
-        "frame": pose_to_map(r.frame_pose, mechanism.motion.frame_coordinates, units),
-        "target": [to_file(float(v), units.factor("length")) for v in r.target],
-        "target_rotation": [to_file(float(v), units.factor("angle")) for v in r.target_rotation],
-        **({} if r.scale == 1.0 else {"scale": r.scale}),
-    } for name, r in mechanism.registrations.items()}
