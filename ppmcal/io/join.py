@@ -22,6 +22,8 @@ PARTIAL = "or leave out what matches nothing with --partial"
 
 class NoMatch(BadInput):
     """Rows of one file that match none of the other."""
+
+
 NOTHING: Mapping[str, float] = {}
 CARRIED = ("dir_", "pose", "session")
 """Columns that begin so are those of the nearest row, not interpolated."""
