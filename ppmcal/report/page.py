@@ -65,9 +65,17 @@ def _doubts(verdict: Sequence[Verdict]) -> list[tuple[str, str]]:
 
 
 def _own_findings(data: ReportData) -> list[tuple[str, str]]:
-    """Return the same but for what the first lines of the page say themselves."""
-    return list(dict.fromkeys((where, typeset(text)) for kind in IN_ORDER for one in kind.of(data)
-                              for where, text in kind.findings(one, data)))
+    """Return the same but for what the first lines of the page say themselves.
+
+    A diagnosis and the fit in its folder have findings in common: once, of which comes first.
+    """
+    found: dict[tuple[str, str], tuple[str, str]] = {}
+    for kind in IN_ORDER:
+        for one in kind.of(data):
+            folder = getattr(one, "folder", "")
+            for where, text in kind.findings(one, data):
+                found.setdefault((folder or where, typeset(text)), (where, typeset(text)))
+    return list(found.values())
 
 
 def _looked_at(items: Sequence[tuple[str, str]]) -> list[str]:

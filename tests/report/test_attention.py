@@ -216,3 +216,14 @@ def test_an_effect_is_compared_with_the_one_simulated_there() -> None:
     assert [r.name for r in c.rows] == ["backlash.leg2+leg5.width"]
     assert "Not in the simulated machine" in c.note
     assert "backlash.leg1.width" in c.note
+
+
+def test_a_finding_of_a_diagnosis_and_of_its_fit_is_listed_once() -> None:
+    """The two lie in one folder; of another folder the same sentence is another finding."""
+    both = {"identified": (replace(fit(findings=["odd"]), folder="d"),),
+            "diagnosed": (replace(diagnosis(findings=["odd", "new"]), folder="d"),)}
+    told = [f["what"] for f in to_json(ReportData(("x",), **both))["attention"]]
+    assert (told.count("odd"), told.count("new")) == (1, 1)
+    apart = both | {"identified": (fit(findings=["odd"]),)}
+    told = [f["what"] for f in to_json(ReportData(("x",), **apart))["attention"]]
+    assert told.count("odd") == 2
