@@ -10,7 +10,8 @@ from ppmcal.diagnosis.plot_data import SelectionStep
 from ppmcal.io.csv import Table
 from ppmcal.io.results.diagnosis import DiagnosisRecord, gap_steps
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect
-from ppmcal.io.results.diagnosis_wording import name_of
+from ppmcal.io.results.diagnosis_wording import name_of, onset
+from ppmcal.model.effects import effect_kinds
 from ppmcal.report.html import (
     count,
     csv_cell,
@@ -74,13 +75,15 @@ def odds_to(odds: float) -> str:
 def amounts(effect: DiagnosedEffect) -> list[tuple[str, str]]:
     """Return (parameter, value with its 95 % interval and unit) of a named effect.
 
-    Behind the parameters come the figures that follow from them, ``phase at mid-stroke`` say.
+    Before the parameters comes the row of an event, without a name; behind them the figures that
+    follow from them, ``phase at mid-stroke`` say.
     """
-    out = []
+    kind, when = effect_kinds().get(effect.kind), onset(effect)
+    out = [("", when)] if when else []
     derived = {n.replace("_mid_stroke", " at mid-stroke"): v for n, v in effect.derived.items()}
     for name, v in {**effect.parameters, **derived}.items():
         value, half = number(v.value), number(v.half)
-        if value is None:
+        if value is None or (when and kind is not None and name == kind.onset):
             continue
         factor, unit = rate(v.unit, value)
         value, half = value * factor, None if half is None else half * factor

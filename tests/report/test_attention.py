@@ -227,3 +227,14 @@ def test_a_finding_of_a_diagnosis_and_of_its_fit_is_listed_once() -> None:
     apart = both | {"identified": (fit(findings=["odd"]),)}
     told = [f["what"] for f in to_json(ReportData(("x",), **apart))["attention"]]
     assert told.count("odd") == 2
+
+
+def test_a_page_tells_the_row_of_an_event_in_words() -> None:
+    """And not as a parameter of no unit."""
+    event = {"kind": "target_shift", "label": "target_shift", "on": [], "parameters": {
+        "x": {"value": 0.25, "sigma": 0.01, "unit": "mm"},
+        "from_row": {"value": 40.0, "unit": ""}},
+        "row": {"value": 40, "low": 39, "high": 41, "dataset": "smr2"}}
+    page = to_html(ReportData(("x",), diagnosed=(diagnosis(effects=[event]),)))
+    assert "from row 40 of smr2 on (95 %: 39 to 41)" in page
+    assert "from_row" not in page and "no unit" not in page
