@@ -6,14 +6,15 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ppmcal.design.tolerance_allocation import Share
+from ppmcal.design.tolerance_allocation import StageYield
 
 Row = dict[str, str]
 
 
 def interval(hits: int, total: int) -> tuple[float, float]:
     """Return the Clopper-Pearson 95 % interval of a share."""
-    return Share(hits, total).interval
+    low, high = StageYield(hits, total).interval
+    return low, high
 
 
 def share(rows: Sequence[Row], test: Callable[[Row], bool]) -> str:

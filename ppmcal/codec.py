@@ -8,7 +8,9 @@ a file, :func:`encoded` writes them, :func:`decoded` reads them again with file,
 A file may be cut off, edited by hand or written by another version: keys that are missing or
 unknown pass, and so does null, which counts as missing where a field knows no null; a value of the
 wrong kind is refused with file and place. An object that exists for a few numbers is no class of
-its own: a field's key may be a path, ``limit.position``, into it.
+its own: a field's key may be a path, ``limit.position``, into it. A class whose file is not its
+fields in their order names what is written in ``KEYS: ClassVar``; cached properties may be among
+these, which of what is read are as the file has them.
 """
 
 from __future__ import annotations
@@ -70,14 +72,18 @@ def shape(kind: Any) -> tuple[Field, ...]:
 @cache
 def _shape(kind: Any) -> tuple[Field, ...]:
     hints, out = get_type_hints(kind, include_extras=True), []
-    for f in dataclasses.fields(kind):
-        reader, marks = reader_of(hints[f.name]), _marks(hints[f.name])
+    fields = {f.name: f for f in dataclasses.fields(kind)}
+    for name in getattr(kind, "KEYS", fields):
+        f = fields.get(name) or dataclasses.field()
+        hint = hints[name] if name in fields else get_type_hints(
+            getattr(kind, name).func, include_extras=True)["return"]
+        reader, marks = reader_of(hint), _marks(hint)
         default = f.default_factory if f.default_factory is not dataclasses.MISSING else (
             _always(reader.blank if f.default is dataclasses.MISSING or Unsaid() in marks
                     else f.default))
-        key = next((m for m in marks if isinstance(m, Key)), Key(f.name))
+        key = next((m for m in marks if isinstance(m, Key)), Key(name))
         quantity = next((m for m in marks if isinstance(m, Quantity)), None)
-        out.append(Field(f.name, key.name, reader, default, quantity, key.whole))
+        out.append(Field(name, key.name, reader, default, quantity, key.whole))
     return tuple(out)
 
 
@@ -87,6 +93,13 @@ def _objects(kind: Any) -> dict[str, str]:
     inner = [f for f in shape(kind) if "." in f.key]
     return {f.key.partition(".")[0]: "" for f in inner} | {
         f.key.partition(".")[0]: f.key for f in inner if f.whole}
+
+
+@cache
+def _unwritten(kind: Any) -> dict[str, Any]:
+    """Return what fields that are not written are where one is read: their default or None."""
+    return {f.name: None if f.default is dataclasses.MISSING else f.default
+            for f in dataclasses.fields(kind) if f.name not in {w.name for w in shape(kind)}}
 
 
 def _flat(objects: Mapping[str, str], data: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -168,8 +181,9 @@ def reader_of_class(kind: Any) -> Reader:
             elif f.key in value and plain(f.default()) is None:
                 found[f.name] = f.default()
         made = object.__new__(kind)
-        made.__dict__.update({f.name: found[f.name] if f.name in found else f.default()
-                              for f in shape(kind)}, given=frozenset(found), more=unknown)
+        made.__dict__.update(_unwritten(kind), **{
+            f.name: found[f.name] if f.name in found else f.default() for f in shape(kind)},
+            given=frozenset(found), more=unknown)
         return made
 
     def refer(known: Json) -> Json:

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from scipy.special import betaincinv
@@ -72,17 +74,34 @@ class Allocation:
         return np.asarray(np.where(np.isfinite(self.tau), self.tau, 0.0))
 
 
-@dataclass(frozen=True, eq=False)
-class Share:
-    """Machines in specification: ``hits`` of ``total``, and the 95 % interval."""
+@dataclass(frozen=True)
+class StageYield:
+    """Machines in specification at one stage, their share and its 95 % interval.
 
-    hits: int
-    total: int
+    ``going``: machines that have a result at every task pose; ``position_rms, rotation_rms``:
+    of those, units as in ``units``.
+    """
 
-    @property
-    def interval(self) -> tuple[float, float]:
+    KEYS: ClassVar = ("stage", "words", "in_specification", "machines", "share", "interval",
+                      "going", "position_rms", "rotation_rms")
+
+    in_specification: int
+    machines: int
+    stage: str = ""
+    words: str = ""
+    going: int = 0
+    position_rms: Length[float | None] = None
+    rotation_rms: Angle[float | None] = None
+
+    @cached_property
+    def share(self) -> float | None:
+        """Those in specification over all."""
+        return self.in_specification / self.machines
+
+    @cached_property
+    def interval(self) -> tuple[float, ...]:
         """Clopper-Pearson 95 % interval of the share."""
-        h, n = self.hits, self.total
+        h, n = self.in_specification, self.machines
         low = 0.0 if h == 0 else float(betaincinv(h, n - h + 1, 0.025))
         high = 1.0 if h == n else float(betaincinv(h + 1, n - h, 0.975))
         return low, high
@@ -197,13 +216,13 @@ def _cheapest(linear: _Linear, known: Mapping[str, Allocation], a: Array, weight
     return best
 
 
-def count(errors: MachineErrors, wanted: Demand) -> Share:
+def count(errors: MachineErrors, wanted: Demand) -> StageYield:
     """Return how many machines meet the demand at every pose; those that cannot go there do not."""
     good = np.ones(len(errors.position), dtype=np.bool_)
     for part, limit in ((errors.position, wanted.position), (errors.rotation, wanted.rotation)):
         if limit is not None:
             good &= (part <= limit).all(axis=1)
-    return Share(int(good.sum()), len(good))
+    return StageYield(int(good.sum()), len(good))
 
 
 def simulate(fleet: Fleet, machines: int, seed: int, processes: int, scheduler: str | None

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -36,6 +38,8 @@ class PlacedJoint:
         axis: unit direction of its own z axis (N, 3): hinge or slide; of U and S it has no meaning.
     """
 
+    KEYS: ClassVar = ("number", "kind", "driven")
+
     number: int
     kind: str
     driven: bool
@@ -51,9 +55,16 @@ class Link:
     one, :data:`FOLD` between hinges, ``joint2`` for the frame error of a joint.
     """
 
+    KEYS: ClassVar = ("name", "role")
+
     name: str
     start: Array
     end: Array
+
+    @cached_property
+    def role(self) -> str:
+        """``bar``, ``drive`` (a driven slide) or ``guide`` (a passive one)."""
+        return {U: "drive", GUIDE: "guide"}.get(self.name, "bar")
 
 
 @dataclass(frozen=True)

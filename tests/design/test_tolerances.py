@@ -22,7 +22,7 @@ from ppmcal.design.monte_carlo import Fleet, MachineErrors, batches, run, togeth
 from ppmcal.design.plan.candidate_poses import evenly, region_of
 from ppmcal.design.processes import over
 from ppmcal.design.recalibration import MeasurementSetup, calibrate, predicted, readings
-from ppmcal.design.tolerance_allocation import Demand, Share, check, count
+from ppmcal.design.tolerance_allocation import Demand, StageYield, check, count
 from ppmcal.design.tolerance_costs import (
     cost,
     demand,
@@ -319,8 +319,8 @@ def test_the_check_says_where_the_linear_model_is_wrong() -> None:
 
 def test_a_machine_that_cannot_go_there_is_out_of_specification() -> None:
     errors = MachineErrors(np.array([[0.1, 0.2], [0.1, np.nan], [0.1, 0.4]]), np.zeros((3, 2)))
-    assert count(errors, Demand(0.3, None, 0.9)).hits == 1
-    assert count(errors, Demand(None, 0.1, 0.9)).hits == 3
+    assert count(errors, Demand(0.3, None, 0.9)).in_specification == 1
+    assert count(errors, Demand(None, 0.1, 0.9)).in_specification == 3
 
 
 def test_the_interval_of_a_share_covers_it() -> None:
@@ -328,10 +328,10 @@ def test_the_interval_of_a_share_covers_it() -> None:
     for p in (0.5, 0.95):
         inside = 0
         for hits in rng.binomial(60, p, 2000):
-            low, high = Share(int(hits), 60).interval
+            low, high = StageYield(int(hits), 60).interval
             inside += low <= p <= high
         assert inside / 2000 > 0.945
-    assert Share(0, 10).interval[0] == 0.0 and Share(10, 10).interval[1] == 1.0
+    assert StageYield(0, 10).interval[0] == 0.0 and StageYield(10, 10).interval[1] == 1.0
 
 
 # ---------------------------------------------------------------- the command

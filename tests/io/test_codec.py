@@ -6,8 +6,9 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import pytest
@@ -128,6 +129,31 @@ def test_what_is_no_array_is_refused_with_its_place(value: Any, place: str) -> N
     with pytest.raises(BadInput) as refusal:
         read({"sag": value}, Sag)
     assert place.split(": ")[0] in str(refusal.value) and place.split(": ")[1] in str(refusal.value)
+
+
+@dataclass(frozen=True)
+class Span:
+    """From ``low`` to ``high``; of what it was found by nothing is written."""
+
+    KEYS: ClassVar = ("width", "high", "low")
+
+    low: Length[float]
+    high: Length[float]
+    by: str
+    tries: int = field(default=0, compare=False)
+
+    @cached_property
+    def width(self) -> Length[OrNull[float]]:
+        return self.high - self.low
+
+
+def test_what_is_written_may_be_other_than_the_fields() -> None:
+    told = in_units(Span(0.001, 0.004, "hand", 3), MM)
+    assert list(encoded(told).items()) == [("width", 3.0), ("high", 4.0), ("low", 1.0)]
+    assert list(schema(Span)["properties"]) == ["width", "high", "low"]
+    again = read({"width": 5.0, "low": 1.0}, Span)
+    assert again.width == 5.0 and again.low == 1.0
+    assert again.by is None and again.tries == 0 and again == read(encoded(again), Span)
 
 
 def test_nan_is_null_and_null_is_nan() -> None:

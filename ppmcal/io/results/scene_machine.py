@@ -9,14 +9,13 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal import linalg
+from ppmcal.codec import in_units
 from ppmcal.io.pose_fields import factors
 from ppmcal.io.results.scene_parts import (
     PlacedLimb,
     Point,
     SceneFrame,
-    SceneJoint,
     SceneLimb,
-    SceneLink,
     SceneMachine,
     SceneMark,
     point_of,
@@ -26,10 +25,9 @@ from ppmcal.kinematics.forward import smallest_singular_value
 from ppmcal.kinematics.inverse import home_attempt, to_joint
 from ppmcal.kinematics.limb_roots import limb_roots, nearest_joint
 from ppmcal.kinematics.partial_pose import pose_vector
-from ppmcal.kinematics.skeleton import GUIDE, LimbSkeleton, skeleton
+from ppmcal.kinematics.skeleton import LimbSkeleton, skeleton
 from ppmcal.kinematics.transmission import interferences, transmissions_at
 from ppmcal.linalg import Array, Bools
-from ppmcal.model.limbs.chain import U
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import number
 
@@ -220,20 +218,19 @@ def _other_branches(model: Model) -> tuple[tuple[Point, ...], ...]:
 
 def _limb(mechanism: Mechanism, index: int, placed: LimbSkeleton) -> SceneLimb:
     limb = mechanism.limbs[index]
-    drive, role = placed.drive, {U: "drive", GUIDE: "guide"}
+    drive, units = placed.drive, mechanism.units
     travel: tuple[float, float] | None = None
     if drive is not None and drive.prismatic and np.all(np.isfinite(
             mechanism.limits[limb.actuator])):
         ends = [Model(mechanism).joint_coordinate(index, np.tile(v, (1, len(mechanism.actuators))))
                 for v in mechanism.limits[limb.actuator]]
-        low, high = sorted(float(e[0]) / mechanism.units.factor("length") for e in ends)
+        low, high = sorted(float(e[0]) / units.factor("length") for e in ends)
         travel = low, high
     return SceneLimb(
         name=limb.name, kind=limb.kind.name,
         actuator=mechanism.actuators[limb.actuator] if limb.driven else "",
         unit=mechanism.joint_units[limb.actuator][1] if limb.driven else "",
-        joints=tuple(SceneJoint.filled(j) for j in placed.joints),
-        links=tuple(SceneLink(name=k.name, role=role.get(k.name, "bar")) for k in placed.links),
+        joints=in_units(placed.joints, units), links=in_units(placed.links, units),
         slides=drive is not None and drive.prismatic, travel=travel)
 
 

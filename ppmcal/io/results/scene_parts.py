@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
+from ppmcal.kinematics.skeleton import Link, PlacedJoint
 from ppmcal.linalg import Array
 from ppmcal.units import Length, OfUnit
 
@@ -15,21 +16,6 @@ def point_of(vector: Array) -> Point:
     return x, y, z
 
 
-class SceneJoint(Part):
-    """A joint: its type R, P, U or S, and whether it is driven."""
-
-    number: Whole
-    kind: Text
-    driven: Flag
-
-
-class SceneLink(Part):
-    """A piece of a limb: ``bar``, ``drive`` (a driven slide) or ``guide`` (a passive one)."""
-
-    name: Text
-    role: Text
-
-
 class SceneLimb(Part):
     """One limb; ``travel``: the ends of a driven slide by its limits, where it has both."""
 
@@ -37,8 +23,8 @@ class SceneLimb(Part):
     kind: Text
     actuator: Text
     unit: Text
-    joints: tuple[SceneJoint, ...]
-    links: tuple[SceneLink, ...]
+    joints: tuple[PlacedJoint, ...]
+    links: tuple[Link, ...]
     slides: Flag
     travel: tuple[Finite, Finite] | None = None
 

@@ -8,21 +8,21 @@ from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 
+from ppmcal import codec
 from ppmcal.calibration.fit import pictures_beside
-from ppmcal.codec import unsaid
 from ppmcal.design.error_sources import Source
 from ppmcal.design.monte_carlo import Fleet, MachineErrors, MonteCarloErrors
-from ppmcal.design.tolerance_allocation import AccuracyCheck, Allocation, Demand, count
+from ppmcal.design.tolerance_allocation import AccuracyCheck, Allocation, Demand, StageYield, count
 from ppmcal.io import write_mechanism
 from ppmcal.io.results.parts import AnalysisRecord, ShownTable, geometry_note
-from ppmcal.io.results.record import Column, Part, Shown, Text, Whole, in_units, table_text
+from ppmcal.io.results.record import Column, Shown, Text, Whole, in_units, table_text
 from ppmcal.io.results.tables import pose_columns, unit_map
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import Note
 from ppmcal.store.provenance import Provenance
-from ppmcal.units import Angle, Key, Length
+from ppmcal.units import Key, Length
 from ppmcal.wording import number
 
 METHODS = ("file", "mean", "equal", "cost")
@@ -58,33 +58,13 @@ class ToleranceResult:
         return [(k, w, e) for k, w, e in found if e is not None]
 
 
-class StageYield(Part):
-    """Machines in specification at one stage, their share and its 95 % interval.
-
-    ``going``: machines that have a result at every task pose; ``position_rms, rotation_rms``:
-    of those, units as in ``units``.
-    """
-
-    stage: Text = ""
-    words: Text = ""
-    in_specification: Whole = 0
-    machines: Whole = 0
-    share: Shown | None = None
-    interval: tuple[Shown, ...] = ()
-    going: Whole = 0
-    position_rms: Length[Shown | None] = None
-    rotation_rms: Angle[Shown | None] = None
-
-    @classmethod
-    def of(cls, r: ToleranceResult, stage: str, words: str, errors: MachineErrors) -> Self:
-        """Return how many machines are in specification at a stage."""
-        share = count(errors, r.demand)
-        return cls.filled(share, r.machine.units, stage=stage, words=words,
-                          in_specification=share.hits, machines=share.total,
-                          share=share.hits / share.total,
-                          going=int(np.isfinite(errors.position).all(axis=1).sum()),
-                          position_rms=float(rms(errors.position)),
-                          rotation_rms=float(rms(errors.rotation)))
+def _stage(r: ToleranceResult, stage: str, words: str, errors: MachineErrors) -> StageYield:
+    """Return how many machines are in specification at a stage, file units."""
+    return codec.in_units(replace(
+        count(errors, r.demand), stage=stage, words=words,
+        going=int(np.isfinite(errors.position).all(axis=1).sum()),
+        position_rms=float(rms(errors.position)), rotation_rms=float(rms(errors.rotation))),
+        r.machine.units)
 
 
 def tolerance_table(r: ToleranceResult) -> list[Column]:
@@ -273,7 +253,7 @@ class TolerancesRecord(AnalysisRecord):
     TITLE: ClassVar[str] = "Tolerances"
     TABLES: ClassVar[tuple[str, ...]] = ("tolerances.csv", "errors.csv")
 
-    demand: Demand = unsaid(Demand)
+    demand: Demand = codec.unsaid(Demand)
     method: Text = ""
     stages: Annotated[tuple[StageYield, ...], Key("yield")] = ()
     costs: Mapping[str, Shown | None] = field(default_factory=dict)
@@ -292,7 +272,7 @@ class TolerancesRecord(AnalysisRecord):
         units = r.machine.units
         stated = {c.name: units.name(c.quantity)
                   for c in (*tolerance_table(r), *errors_table(r)) if c.quantity}
-        stages = tuple(StageYield.of(r, *stage) for stage in r.stages())
+        stages = tuple(_stage(r, *stage) for stage in r.stages())
         return cls.filled(
             None, units, format=cls.FORMAT, name=r.machine.name,
             summary=(*sentences(r, stages), *geometry_note(mechanism)),
