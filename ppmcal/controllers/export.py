@@ -238,10 +238,12 @@ class Exported:
         """Return the same with errors in the frame in which the model's uncertainty is.
 
         Of numbers that were nominal: commands were asked for where the instrument was then taken
-        to stand. Base axes that no instrument measures move with the numbers.
+        to stand. Base axes that no instrument measures move with the numbers. Of tables, whose
+        poses are in base axes, the errors are there.
         """
         own = self.uncertainty
-        if own.stands is None or own.before is None:
+        if self.again is None or self.before.real is None or own.stands is None or (
+                own.before is None):
             return self
         return replace(self, over=f"{self.over}, of the mark that {own.frame} measured",
                        before=self.before.seen(own.stands, own.before),

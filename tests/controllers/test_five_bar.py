@@ -45,8 +45,7 @@ def test_it_is_exported_as_tables(fit, form, files):
     folder, _, _ = fit
     found = ppmcal.export(form, folder / "found")
     assert set(found.files()) == files
-    # of what the tracker saw before, in which where the base axes are is no error
-    assert found.exported.after.rms < 0.2 * found.exported.before.rms
+    assert found.exported.after.rms < 0.1 * found.exported.before.rms
 
 
 @pytest.mark.slow
