@@ -9,14 +9,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from ppmcal.calibration.compensation import Readings
 from ppmcal.calibration.validation import Identification
 from ppmcal.errors import unknown
-from ppmcal.io.results.batch import CampaignQuantity
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import has_findings
 from ppmcal.store.folder import running
@@ -25,6 +23,10 @@ from ppmcal.store.output import Content, Output
 from ppmcal.store.provenance import one_thread
 from ppmcal.wording.progress import stage
 from ppmcal.wording.told import Told
+
+if TYPE_CHECKING:
+    from ppmcal.calibration.compensation import Readings
+    from ppmcal.io.results.batch import CampaignQuantity
 
 Progress = Callable[[str], None]
 SHOWN = 20

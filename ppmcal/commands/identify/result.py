@@ -6,16 +6,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from ppmcal.calibration.compensation import Readings
 from ppmcal.calibration.fit import Noise
 from ppmcal.calibration.knowledge import FreedomChoice, Identifiability
 from ppmcal.calibration.validation import Identification, Residuals
 from ppmcal.commands.inputs import imports_behind
 from ppmcal.commands.result import Result
 from ppmcal.controllers import own_words
-from ppmcal.io.results.batch import CampaignQuantity, fit_quantities
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import before_words
 from ppmcal.io.results.identification_wording import (
@@ -33,6 +31,10 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.store.output import Content
 from ppmcal.wording import abbreviate_list, number, pluralize
 from ppmcal.wording.told import Findings, ShortTable, Told
+
+if TYPE_CHECKING:
+    from ppmcal.calibration.compensation import Readings
+    from ppmcal.io.results.batch import CampaignQuantity
 
 PRIOR_DOMINATED = 0.8
 """A parameter known to this part of its tolerance is constrained by the prior, not the data."""
@@ -132,6 +134,8 @@ class IdentificationResult(Result):
     @property
     def readings(self) -> Readings:
         """Other readings of the measurements: none were sought."""
+        from ppmcal.calibration.compensation import Readings
+
         return Readings((), None)
 
     @property
@@ -218,6 +222,8 @@ class IdentificationResult(Result):
 
     def quantities(self) -> Iterator[CampaignQuantity]:
         """Yield errors, noise and parameters."""
+        from ppmcal.io.results.batch import fit_quantities
+
         return fit_quantities(self.identification)
 
     def summary(self) -> Mapping[str, Any]:

@@ -44,7 +44,6 @@ from ppmcal.calibration.knowledge import (
     with_chosen_freedoms,
     with_held,
 )
-from ppmcal.calibration.sessions import carried_on
 from ppmcal.calibration.validation import Identification, report
 from ppmcal.commands.identify.options import IdentifyArguments
 from ppmcal.commands.identify.result import IdentificationResult
@@ -133,6 +132,8 @@ def run(asked: IdentifyArguments) -> IdentificationResult:
                            extra)
     beside += secondary(PATTERN, lambda: left_over(fit, seed), [], extra)
     if before is not None:
+        from ppmcal.calibration.sessions import carried_on
+
         notes += odd + secondary("how far the machine has changed",
                                  lambda: carried_on(fit, before, options), [], extra)
     beside += secondary("whether ropes are slack", lambda: list(slack_ropes(fit)), [], extra)
