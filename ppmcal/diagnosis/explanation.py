@@ -21,7 +21,7 @@ from ppmcal.diagnosis.question import NO_CAUSES, Asked, Source, WrongRows, quest
 from ppmcal.diagnosis.refit import with_mechanism
 from ppmcal.diagnosis.term_candidates import all_settings
 from ppmcal.diagnosis.thinning import thinned
-from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCause, UnknownCauses
+from ppmcal.diagnosis.unknown_causes import PULLS, UNKNOWN_FAMILY, UnknownCause, UnknownCauses
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.inference.block_sets import BlockSet, Numbers, state
 from ppmcal.inference.columns import MatrixColumns
@@ -33,6 +33,8 @@ from ppmcal.model.effects import Setting
 from ppmcal.notes import Note
 
 ROUNDS = 4
+BESIDE = 12
+"""Causes that are tried beside what limbs pull at each place, likeliest first."""
 TRY = ("state what is known (stiffness, load, directions) in the mechanism file, or try fewer "
        "kinds (--kind)")
 ENDED = Note("the search among sets of causes was stopped early: the likeliest set so far is "
@@ -301,6 +303,7 @@ def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools]
         ways, key=lambda way: state(way[0].question, way[2]).log_p)
     ask = partial(CauseSizes, fit, keep, asked, {a.hypothesis.family for a in added})
     size = ask()
+    start = _pulled(asked, start)
     answer = posterior(asked.question, start, size.too_large if large else None, known,
                        with_sessions(asked.sources))
     # where one cause bends to several wrong rows at a time, the search may have begun with it
@@ -310,6 +313,25 @@ def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools]
         answer = posterior(asked.question, rows, size.too_large if large else None)
     return Round(fit, added, tuple(own), kinds, found, asked, answer, _whitening(answer.best),
                  size.found, (ENDED,) if answer.ended else ())
+
+
+def _pulled(asked: Asked, start: Sequence[int]) -> list[int]:
+    """Return a set to begin with, what limbs pull at each place with it where that is likelier.
+
+    Steps from place to place can stand for that, and hide it from the search. With it goes the one
+    cause with which it is likeliest: beside that less is left to be another at each place, which a
+    search that keeps sizes does not see.
+    """
+    question, begin = asked.question, [*start]
+    pulls = [n for n, s in enumerate(asked.sources)
+             if isinstance(s, UnknownCause) and s.label == PULLS and n not in begin]
+    if pulls:
+        now, with_it = state(question, begin), state(question, [*begin, *pulls])
+        if with_it.log_p > now.log_p:
+            more = [state(question, (*with_it.chosen, int(i)))
+                    for i in np.argsort(-with_it.scores)[:BESIDE]]
+            begin = list(max(with_it, *more, key=lambda at: at.log_p).chosen)
+    return begin
 
 
 def _whitening(best: BlockSet) -> Whitening:

@@ -18,7 +18,7 @@ MODULES = sorted(p for room in ("diagnosis", "inference") for p in (ROOT / room)
 OTHERS = {
     # a search ends, memory is bounded, a grid has points
     "bound": {
-        "diagnose.MOST_STEPS", "equations.BAND_DRAWS", "explanation.ROUNDS",
+        "diagnose.MOST_STEPS", "equations.BAND_DRAWS", "explanation.BESIDE", "explanation.ROUNDS",
         "grids.NEAR",
         "held_out_gap.DRAWS", "held_out_gap.TOGETHER", "linear_system.MOST_ROWS",
         "localization.DRAWS", "misread_columns.FEWEST", "misread_columns.LIKELY",
