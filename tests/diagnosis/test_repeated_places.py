@@ -11,12 +11,14 @@ from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.candidates import library
+from ppmcal.diagnosis.explanation import _pulled
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.options import DiagnosisOptions
 from ppmcal.diagnosis.own_noise import with_repeats_noise
 from ppmcal.diagnosis.question import ROW_FAMILY, first_readings, question
 from ppmcal.diagnosis.term_candidates import all_settings
 from ppmcal.diagnosis.unknown_causes import PULLS, UnknownCauses
+from ppmcal.inference.block_sets import state
 from ppmcal.inference.priors import FIRST_READING, GROSS_ROW
 from ppmcal.inference.sets import posterior
 
@@ -111,3 +113,13 @@ def test_the_search_finds_what_belts_pull_at_each_place(asked):
     assert pulls in found
     # the reading that is off: the first one at its place
     assert [asked.sources[i].rows for i in found if i != pulls] == [(READ * 5,)]
+
+
+@pytest.mark.slow
+def test_a_search_begins_with_what_belts_pull_at_each_place(asked):
+    pulls, = (n for n, s in enumerate(asked.sources) if getattr(s, "label", "") == PULLS)
+    begin = _pulled(asked, [])
+    assert pulls in begin and 1 <= len(begin) <= 2
+    assert state(asked.question, begin).log_p >= state(asked.question, [pulls]).log_p
+    # the reading that is off: the first one at its place
+    assert [asked.sources[i].rows for i in begin if i != pulls] == [(READ * 5,)]
