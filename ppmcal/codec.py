@@ -98,8 +98,9 @@ def _objects(kind: Any) -> dict[str, str]:
 @cache
 def _unwritten(kind: Any) -> dict[str, Any]:
     """Return what fields that are not written are where one is read: their default or None."""
+    written = {f.name for f in shape(kind)}
     return {f.name: None if f.default is dataclasses.MISSING else f.default
-            for f in dataclasses.fields(kind) if f.name not in {w.name for w in shape(kind)}}
+            for f in dataclasses.fields(kind) if f.name not in written}
 
 
 def _flat(objects: Mapping[str, str], data: Mapping[str, Any]) -> Mapping[str, Any]:

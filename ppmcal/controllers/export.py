@@ -34,8 +34,8 @@ class PoseUncertainty:
 
     ``position`` m, ``rotation`` rad (None too where nothing turns); ``frame``: of which data set,
     or ``base``; ``reason``: why it is unknown; ``undetermined``: because measurements leave every
-    pose open. ``stands``: where that data set's instrument does, by the model and, ``before``, if
-    the nominal geometry is believed; None where nothing says.
+    pose open. ``before``: where that data set's instrument stands if the nominal geometry is
+    believed; None where nothing says.
     """
 
     position: float | None
@@ -43,7 +43,6 @@ class PoseUncertainty:
     frame: str
     reason: str = ""
     undetermined: bool = False
-    stands: Registration | None = None
     before: Registration | None = None
 
     def entry(self) -> CommandErrors:
@@ -103,7 +102,7 @@ def _known_in(name: str, mechanism: Mechanism, poses: Array,
     turns = mechanism.motion.turns
     believed = None if called == "base" else knowledge.before.get(name)
     return PoseUncertainty(rms(position[seen]), rms(rotation[seen]) if turns else None, called,
-                           stands=stands, before=believed)
+                           before=believed)
 
 
 AXIS_OFFSET = ".axis_offset"
@@ -234,7 +233,7 @@ class Exported:
     copy: str = ""
     again: Again | None = None
 
-    def as_seen(self) -> Exported:
+    def as_seen(self, mechanism: Mechanism) -> Exported:
         """Return the same with errors in the frame in which the model's uncertainty is.
 
         Of numbers that were nominal: commands were asked for where the instrument was then taken
@@ -242,12 +241,12 @@ class Exported:
         poses are in base axes, the errors are there.
         """
         own = self.uncertainty
-        if self.again is None or self.before.real is None or own.stands is None or (
-                own.before is None):
+        if self.again is None or self.before.real is None or own.before is None:
             return self
+        stands = mechanism.registration(own.frame)
         return replace(self, over=f"{self.over}, of the mark that {own.frame} measured",
-                       before=self.before.seen(own.stands, own.before),
-                       after=self.after.seen(own.stands, own.stands))
+                       before=self.before.seen(stands, own.before),
+                       after=self.after.seen(stands, stands))
 
     def expected(self, errors: ErrorSummary) -> ErrorSummary | None:
         """Return the error to expect with ``before`` or ``after``: what the model lacks is in both.

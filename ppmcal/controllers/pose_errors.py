@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from ppmcal import algebra as cga
+from ppmcal.calibration.fit import turn_between
 from ppmcal.errors import NoResult
 from ppmcal.io.results.export import CommandErrors
 from ppmcal.io.results.parts import ErrorSize
-from ppmcal.kinematics.registration import measured_pose
+from ppmcal.kinematics.registration import predict
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
@@ -52,9 +53,8 @@ class ErrorSummary:
         """
         if self.real is None or self.wanted is None:
             return self
-        at, asked = measured_pose(now, self.real), measured_pose(believed, self.wanted)
-        turned = [cga.motor_from_rotation_vector(p[:, 3:], np.zeros(3)) for p in (at, asked)]
-        return _summary(at[:, :3] - asked[:, :3], cga.compose(cga.reverse(turned[1]), turned[0]),
+        (at, turned), (asked, meant) = predict(now, self.real), predict(believed, self.wanted)
+        return _summary(now.scale * at - believed.scale * asked, turn_between(turned, meant),
                         self.rotation_rms is not None)
 
     def entry(self) -> CommandErrors:
@@ -95,14 +95,14 @@ def pose_errors(mechanism: Mechanism, real: Array, wanted: Array) -> ErrorSummar
         raise takes_none(mechanism)
     at, ideal = real[rows], wanted[rows]
     own = _summary(cga.translation(at) - cga.translation(ideal),
-                   cga.compose(cga.reverse(ideal), at), bool(mechanism.motion.turns))
+                   cga.rotation_vector(cga.compose(cga.reverse(ideal), at)),
+                   bool(mechanism.motion.turns))
     return replace(own, real=at, wanted=ideal)
 
 
 def _summary(shift: Array, turn: Array, turns: bool) -> ErrorSummary:
-    """Return the sizes of shifts (N, 3) and, if the machine ``turns``, of motors' rotations."""
-    away = np.linalg.norm(shift, axis=1)
-    angle = np.linalg.norm(cga.rotation_vector(turn), axis=1)
+    """Return the sizes of shifts (N, 3) and, if the machine ``turns``, of turns (N, 3)."""
+    away, angle = np.linalg.norm(shift, axis=1), np.linalg.norm(turn, axis=1)
     return ErrorSummary(rms(away), float(np.max(away)), rms(angle) if turns else None,
                         float(np.max(angle)) if turns else None, len(away))
 

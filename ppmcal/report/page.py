@@ -74,7 +74,8 @@ def _own_findings(data: ReportData) -> list[tuple[str, str]]:
         for one in kind.of(data):
             folder = getattr(one, "folder", "")
             for where, text in kind.findings(one, data):
-                found.setdefault((folder or where, typeset(text)), (where, typeset(text)))
+                told = typeset(text)
+                found.setdefault((folder or where, told), (where, told))
     return list(found.values())
 
 

@@ -173,7 +173,7 @@ def run(asked: ExportArguments) -> ExportResult:
                    numbers=secondary("how well the numbers are known", lambda: with_intervals(
                        machine, made, source_file), made.numbers, notes))
     if old is None:
-        made = made.as_seen()
+        made = made.as_seen(machine)
     known = evidence_of(machine)
     warned += refuse_worse(made, known, machine.source, asked.regardless)
     notes += doubts(known, machine.source, asked.write and not asked.regardless)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, TypeVar
 
 from ppmcal.calibration.validation import Budget, Figure, PlacedError
 from ppmcal.codec import unsaid
@@ -14,6 +14,9 @@ from ppmcal.io.results.record import Finite, Flag, Part, Record, Text
 from ppmcal.store.provenance import Provenance
 from ppmcal.units import Key, Length, Units
 from ppmcal.wording import number
+
+K = TypeVar("K")
+V = TypeVar("V")
 
 
 class CertifiedParty(Part):
@@ -177,10 +180,7 @@ def _figures(record: CertificateRecord) -> Iterator[Block]:
     yield PrintedTable(["figure", "standard", "value", "U", "unit", "of"], [
         [f.label, f.norm or NONE, _value(f.value), _value(f.expanded), f.unit, _of(f)]
         for f in given], (0.34, 0.13, 0.12, 0.11, 0.06, 0.24), (2, 3))
-    missing: dict[tuple[str, str], list[Figure]] = {}
-    for f in record.figures:
-        if f.value is None:
-            missing.setdefault((f.norm, f.why), []).append(f)
+    missing = _by(((f.norm, f.why), f) for f in record.figures if f.value is None)
     if missing:
         yield Words("Figures of the standards that these rows do not allow:")
         yield PrintedTable(["standard", "figures", "why"], [
@@ -190,17 +190,19 @@ def _figures(record: CertificateRecord) -> Iterator[Block]:
 
 def alike(figures: Sequence[Figure]) -> Iterator[str]:
     """Yield symbols, of which joints, in which files: what is the same for several at once."""
-    symbols: dict[tuple[str, str], list[str]] = {}
-    for f in figures:
-        symbols.setdefault((f.file, f.where), []).append(f.symbol)
-    joints: dict[tuple[str, str], list[str]] = {}
-    for (file, where), own in symbols.items():
-        joints.setdefault((file, ", ".join(own)), []).append(where)
-    files: dict[str, list[str]] = {}
-    for (file, told), own in joints.items():
-        of = f"{told} of {', '.join(own)}" if any(own) else told
-        files.setdefault(of, []).append(file)
+    symbols = _by(((f.file, f.where), f.symbol) for f in figures)
+    joints = _by(((file, ", ".join(own)), where) for (file, where), own in symbols.items())
+    files = _by((f"{told} of {', '.join(own)}" if any(own) else told, file)
+                for (file, told), own in joints.items())
     yield from (f"{of} ({', '.join(own)})" if any(own) else of for of, own in files.items())
+
+
+def _by(pairs: Iterable[tuple[K, V]]) -> dict[K, list[V]]:
+    """Return the second of each pair by the first, in their order."""
+    found: dict[K, list[V]] = {}
+    for key, value in pairs:
+        found.setdefault(key, []).append(value)
+    return found
 
 
 def _of(f: Figure) -> str:
