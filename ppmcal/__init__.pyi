@@ -134,6 +134,7 @@ def import_config(
     rods: str | float | Sequence[str | float] = ...,
     mesh: Path_ | Sequence[Path_] = ...,
     scale: str = ...,
+    effector: str | None = ...,
     radius: float | None = ...,
     width: float | None = ...,
     height: float | None = ...,

@@ -26,7 +26,7 @@ from ppmcal.calibration.interpretation.interpretation_error import (
 )
 from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes
 from ppmcal.calibration.interpretation.read_rightly import refusal
-from ppmcal.calibration.knowledge import Identifiability, identifiability
+from ppmcal.calibration.knowledge import Identifiability, identifiability, tilt_sentences
 from ppmcal.kinematics.closed_at_home import (
     DEAD_POINT,
     LimbGap,
@@ -124,6 +124,7 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
         if datasets and out.columns:
             findings += branch_findings(start.problem, start.state)
             out = replace(out, identifiability=identifiability(start))
+            findings += tilt_sentences(start, fitted=False)
     return replace(out, findings=tuple(findings))
 
 

@@ -41,6 +41,7 @@ from ppmcal.calibration.knowledge import (
     noise_beyond_tolerances,
     predict_identifiability,
     pulled_apart,
+    tilt_sentences,
     with_chosen_freedoms,
     with_held,
 )
@@ -139,6 +140,8 @@ def run(asked: IdentifyArguments) -> IdentificationResult:
     beside += secondary("whether ropes are slack", lambda: list(slack_ropes(fit)), [], extra)
     beside += secondary(TOLERATED, lambda: list(noise_beyond_tolerances(
         fit, _estimated(problem, sigma))), [], extra)
+    beside += secondary("what touches beside the tool leave open",
+                        lambda: list(tilt_sentences(found.fit)), [], extra)
     if sigma != "estimated":
         beside += secondary(APART, lambda: pulled_apart(fit, problem.datasets), [], extra)
     told += [*secondary("the scale of true lengths", lambda: list(scale_sentences(found)), [],

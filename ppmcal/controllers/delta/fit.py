@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ppmcal import algebra as cga
 from ppmcal.controllers.delta.firmware import DeltaFirmware, DeltaFit, DeltaNumbers
 from ppmcal.controllers.delta.geometry import (
     MM,
@@ -42,6 +43,8 @@ from ppmcal.controllers.export import (
 from ppmcal.controllers.number_intervals import fitted, following
 from ppmcal.controllers.pose_errors import ErrorSummary, PlanarMotion, rms
 from ppmcal.errors import NoResult
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import NOTE, Note
@@ -76,7 +79,7 @@ def project(mechanism: Mechanism, firmware: DeltaFirmware[Any, DeltaNumbers],
         old = firmware.of(_best(first, delta_geometry(first), points), None)
     at_old, at_new = (driven(drive, firmware.travel(n, points)) for n in (old, new))
     both = reached_with_both(at_old, at_new, mechanism.source, firmware.endstops)
-    reach, lacks = points[both], tuple(_not_expressed(mechanism, points, firmware))
+    reach, lacks = points[both], tuple(_not_expressed(drive, points, firmware))
     removed = laid_on(reached(drive, best, reach), reach)[1]
     return DeltaFit(new, old, error_summary(at_old[both], reach),
                     error_summary(at_new[both], reach), reach, DISC * start.radius * MM, lacks,
@@ -191,22 +194,25 @@ def _errors(drive: DeltaDrive, points: Array) -> Callable[[Array], Array]:
 
 
 def _groups(
-    mechanism: Mechanism, firmware: DeltaFirmware[Any, Any]
+    drive: DeltaDrive, firmware: DeltaFirmware[Any, Any]
 ) -> Iterator[tuple[int, str, str, tuple[int, ...]]]:
     """Yield limb, group, words and parameters of what the firmware has no number for."""
+    mechanism = drive.mechanism
     g, nominal = mechanism.values, mechanism.nominals
     seen: set[int] = set()
-    for i, limb in enumerate(mechanism.limbs):
+    for i in sorted(drive.towers):
+        limb = mechanism.limbs[i]
         groups: dict[str, list[int]] = {}
         for slot, p in limb.slots.direct:
-            name = _group(slot)
+            name = _group(slot, drive)
             if name:
                 groups.setdefault(name, []).append(p)
         way = tower_axis(mechanism, i)
         lean = float(np.degrees(np.hypot(way[0], way[1])))
         for name, used in groups.items():
             if name == "base.direction" and lean > 1e-9:
-                yield i, name, f"tower {limb.name} leans by {lean:.4g} deg", tuple(used)
+                yield (i, name, f"tower {tower_name(drive, i)} leans by {lean:.4g} deg",
+                       tuple(used))
             elif name == "ratio" and g[used[0]] != nominal[used[0]] and used[0] not in seen:
                 seen.add(used[0])
                 yield (i, name, f"drive {limb.name} travels {g[used[0]] / nominal[used[0]]:.6f} "
@@ -217,35 +223,59 @@ def _groups(
                 yield i, name, offset_words(limb.name, float(g[used[0]])), tuple(used)
 
 
-def _group(slot: str) -> str:
-    """Return the group of a slot that firmwares have no number for, else nothing."""
-    if slot.startswith(("base.direction.", "joint")):
+def tower_name(drive: DeltaDrive, limb: int) -> str:
+    """Return what the machine calls the tower of a limb."""
+    own = drive.mechanism.limbs[limb]
+    return drive.mechanism.actuators[own.actuator] if drive.tilts else own.name
+
+
+def _group(slot: str, drive: DeltaDrive) -> str:
+    """Return the group of a slot that firmwares have no number for, else nothing.
+
+    Of six rods frames of joints may say where these are.
+    """
+    if slot.startswith("base.direction.") or (slot.startswith("joint") and not drive.tilts):
         return slot.rpartition(".")[0]
     return slot if slot == "ratio" or slot.endswith(AXIS_OFFSET) else ""
 
 
-def _not_expressed(mechanism: Mechanism, points: Array, firmware: DeltaFirmware[Any, Any]
+def _not_expressed(drive: DeltaDrive, points: Array, firmware: DeltaFirmware[Any, Any]
                    ) -> Iterator[NotExpressed]:
     """Yield what the firmware has no number for, each with the cost of that alone."""
-    for i, name, words, used in _groups(mechanism, firmware):
-        alone = drive_of(_only(mechanism, i, name, used))
-        start = delta_geometry(alone)
-        fits = points[np.isfinite(reached(alone, start, points)).all(axis=1)]
-        cost = None if len(fits) < ENOUGH else predicted_errors(
-            alone, _best(alone, start, fits), fits)
-        yield NotExpressed(words, tuple(mechanism.names[p] for p in used), cost)
+    mechanism = drive.mechanism
+    for i, name, words, used in _groups(drive, firmware):
+        yield NotExpressed(words, tuple(mechanism.names[p] for p in used),
+                           _cost(drive_of(_only(drive, i, name, used)), points))
+    if drive.tilts:
+        level = drive_of(_only(drive, -1, "", ()))
+        turn = cga.rotation_vector(forward(Model(mechanism), drive.joints(
+            travel(delta_geometry(drive), points))).pose)
+        most = float(np.degrees(np.nanmax(np.hypot(turn[:, 0], turn[:, 1]))))
+        names = {mechanism.names[p] for limb in mechanism.limbs for slot, p in limb.slots.direct
+                 if slot.startswith("platform.point.") and not mechanism.parameters[p].fixed}
+        yield NotExpressed(f"the effector tilts, by up to {most:.2g} deg: two rods of a tower are "
+                           "not parallel", tuple(sorted(names)), _cost(level, points))
     yield from effects_lacking(mechanism, instruments=True)
 
 
-def _only(mechanism: Mechanism, limb: int, name: str, used: tuple[int, ...]) -> Mechanism:
+def _cost(alone: DeltaDrive, points: Array) -> ErrorSummary | None:
+    """Return what such a machine misses points by with the best numbers; None: reaches few."""
+    start = delta_geometry(alone)
+    fits = points[np.isfinite(reached(alone, start, points)).all(axis=1)]
+    return None if len(fits) < ENOUGH else predicted_errors(alone, _best(alone, start, fits), fits)
+
+
+def _only(drive: DeltaDrive, limb: int, name: str, used: tuple[int, ...]) -> Mechanism:
     """Return the machine with this one group and the others of the kind as firmwares have them."""
+    mechanism = drive.mechanism
     g = mechanism.values.copy()
     limbs = list(mechanism.limbs)
     for i, own in enumerate(mechanism.limbs):
         for slot, p in own.slots.direct:
-            if _group(slot) and p not in used:
+            if _group(slot, drive) and p not in used:
                 g[p] = mechanism.nominals[p] if slot == "ratio" else 0.0
-        if (i, name) != (limb, "base.direction"):
+        tower = limb >= 0 and own.actuator == mechanism.limbs[limb].actuator
+        if not (tower and name == "base.direction"):
             up = np.array([0.0, 0.0, np.sign(tower_axis(mechanism, i)[2])])
             limbs[i] = replace(own, constants={**own.constants, "base.direction": up})
     return replace(mechanism.with_values(g), limbs=tuple(limbs), effects=())
@@ -256,12 +286,13 @@ def _notes(drive: DeltaDrive, removed: PlanarMotion, firmware: DeltaFirmware[Any
     """Yield what a user should know of how the machine became the firmware's."""
     mechanism = drive.mechanism
     limbs = [mechanism.limbs[i] for i in drive.towers]
-    pairs = [(limb.name, tower) for limb, tower in zip(limbs, firmware.towers, strict=True)]
+    names = [tower_name(drive, i) for i in drive.towers]
+    pairs = list(zip(names, firmware.towers, strict=True))
     if not all(tower.endswith(name) for name, tower in pairs):
         yield Note("towers: " + ", ".join(f"{name} is {tower}" for name, tower in pairs), NOTE)
     if abs(removed.turn) > NEGLIGIBLE:
         yield Note(f"the machine is turned by {np.degrees(removed.turn):.4g} deg about z, so that "
-                   f"tower {limbs[2].name} stands at 90 deg; prints turn with it", NOTE)
+                   f"tower {names[2]} stands at 90 deg; prints turn with it", NOTE)
     if np.hypot(*removed.shift) > NEGLIGIBLE:
         yield Note(
             f"the model's x = y = 0 becomes {removed.shift[0] / MM:.4g}, "
@@ -305,4 +336,5 @@ def export_delta(firmware: DeltaFirmware[Any, Any], mechanism: Mechanism, old: P
         tuple(firmware.advice(found, old, config)),
         {"grid": {"points": len(found.points), "radius": found.radius / MM,
                   "part_of_radius": DISC, "z": [z / MM for z in HEIGHTS]}},
-        np.pad(found.points, ((0, 0), (0, 3))), again=found.again)
+        np.pad(found.points, ((0, 0), (0, 3)),
+               constant_values=np.nan if mechanism.motion.turns else 0.0), again=found.again)

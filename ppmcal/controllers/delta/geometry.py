@@ -30,6 +30,7 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.linalg import Array
+from ppmcal.model.limbs.chain import U
 from ppmcal.model.limbs.spatial import PUS
 from ppmcal.model.mechanism import Mechanism
 
@@ -117,7 +118,7 @@ class DeltaDrive:
 
     Attributes:
         mechanism: the machine.
-        towers: which limb is tower a, b, c.
+        towers: which limb is tower a, b, c; of six rods the first of each tower.
         zero: joint values at the endstops, in tower order (3,).
         scale: joint value per metre of travel down from the endstop (3,).
     """
@@ -126,6 +127,17 @@ class DeltaDrive:
     towers: tuple[int, int, int]
     zero: Array
     scale: Array
+
+    @property
+    def tilts(self) -> bool:
+        """Whether each rod is a limb, so that the platform can tilt."""
+        return len(self.mechanism.limbs) > len(self.towers)
+
+    def rods(self, tower: int) -> list[int]:
+        """Return the limbs of one of the towers: one, or two of six rods."""
+        limbs = self.mechanism.limbs
+        return [i for i, limb in enumerate(limbs)
+                if limb.actuator == limbs[self.towers[tower]].actuator]
 
     def joints(self, travel: Array) -> Array:
         """Return joint values (N, 3) in the machine's order for travel (N, 3) in tower order."""
@@ -143,10 +155,12 @@ def drive_of(mechanism: Mechanism) -> DeltaDrive:
     """
     limbs = mechanism.limbs
     kinds = {limb.kind.name for limb in limbs}
-    if (mechanism.motion.turns or kinds != {PUS.name} or len(limbs) != 3
-            or len(mechanism.actuators) != 3):
+    each = 2 if mechanism.motion.turns else 1
+    if kinds != {PUS.name} or mechanism.motion.planar or sorted(
+            limb.actuator for limb in limbs) != sorted([*range(3)] * each):
         raise other_machine(mechanism, f"A linear delta has three limbs {PUS.name} with "
-                            "`motion: translational`")
+                            "`motion: translational`, or six, two to a drive, with `motion: "
+                            "spatial`")
     towers = _towers(mechanism)
     zero, scale = np.zeros(3), np.zeros(3)
     nominal = mechanism.nominals
@@ -166,10 +180,13 @@ def drive_of(mechanism: Mechanism) -> DeltaDrive:
 
 
 def _towers(mechanism: Mechanism) -> tuple[int, int, int]:
-    """Return the limbs of towers a, b, c (x, y, z): by actuators' names, else in file order."""
+    """Return the limbs of towers a, b, c (x, y, z): by actuators' names, else in file order.
+
+    Of six rods the first of each.
+    """
     names = [mechanism.actuators[limb.actuator].lower() for limb in mechanism.limbs]
     ends = [n.removeprefix("stepper_").removeprefix("tower_") for n in names]
-    for first, second, third in (TOWERS, ("x", "y", "z")):
+    for first, second, third in (TOWERS, ("x", "y", "z"), tuple(dict.fromkeys(ends))):
         if {first, second, third} == set(ends):
             return ends.index(first), ends.index(second), ends.index(third)
     return 0, 1, 2
@@ -204,25 +221,16 @@ def delta_geometry(drive: DeltaDrive) -> DeltaGeometry:
 
     Exact, apart from a turn and a shift in the plane, for upright towers without frame errors:
     single radii and a shifted effector are a circle about another centre, heights of joints are
-    endstops.
+    endstops. Of six rods each tower has the mean of its two.
     """
     mechanism = drive.mechanism
     home = home_state(mechanism)
     feet, arms, tops = np.zeros((3, 2)), np.zeros(3), np.zeros(3)
-    for t, i in enumerate(drive.towers):
-        limb = mechanism.limbs[i]
-        v = limb.slots.values(mechanism.values)
-        base, carried = (np.array([v.get(f"{part}.point.{c}", 0.0) for c in "xyz"])
-                         for part in ("base", "platform"))
-        way, ratio, offset = axis(mechanism, i), v.get("ratio", 1.0), v.get("offset", 0.0)
-        now = base - carried + way * (ratio * home.q[limb.actuator] + offset)
-        if now[2] <= mechanism.home_pose[2]:
-            raise BadInput("the carriage is below the platform at home",
-                           f"{mechanism.source}: limbs.{limb.name}",
-                           "A linear delta printer has its carriages above: `branch: 1` for u "
-                           "upwards")
-        feet[t], arms[t] = now[:2], v["length"]
-        tops[t] = (base - carried + way * (ratio * drive.zero[t] + offset))[2]
+    for t in range(3):
+        each = [_read_off(mechanism, i, (float(home.q[mechanism.limbs[i].actuator]),
+                                         float(drive.zero[t]))) for i in drive.rods(t)]
+        foot, arm, top = (np.mean(part, axis=0) for part in zip(*each, strict=True))
+        feet[t], arms[t], tops[t] = foot, arm, top
     centre, radius = _circle(feet)
     angles = np.degrees(np.arctan2(*(feet - centre).T[::-1]))
     if np.any(arms <= radius):
@@ -231,6 +239,32 @@ def delta_geometry(drive: DeltaDrive) -> DeltaGeometry:
     ends = tops - np.sqrt(arms**2 - radius**2)
     a, b = ((angles[:2] - angles[2] + 90.0) % 360.0).tolist()
     return DeltaGeometry(radius / MM, (a, b, 90.0), triple(arms / MM), triple(ends / MM))
+
+
+def _read_off(mechanism: Mechanism, i: int, q: tuple[float, float]) -> tuple[Array, float, float]:
+    """Return foot (2,) and length of a rod, and its carriage's height at the endstop, m.
+
+    ``q``: the joint value at home, and at the endstop.
+
+    Raises:
+        BadInput: the carriage is below the platform.
+    """
+    limb, model = mechanism.limbs[i], Model(mechanism)
+    v = model.limb_values[i]
+    carried = np.array([v.get(f"platform.point.{c}", 0.0) for c in "xyz"])
+
+    def joint(value: float) -> Array:
+        u = v.get("ratio", 1.0) * value + v.get("offset", 0.0)
+        at: Array = cga.translation(limb.kind.base.evaluate({**v, U: u}, ())[0]) - carried
+        return at
+
+    now, top = joint(q[0]), joint(q[1])
+    if now[2] <= mechanism.home_pose[2]:
+        raise BadInput("the carriage is below the platform at home",
+                       f"{mechanism.source}: limbs.{limb.name}",
+                       "A linear delta printer has its carriages above: `branch: 1` for u "
+                       "upwards")
+    return np.asarray(now[:2]), float(v["length"]), float(top[2])
 
 
 def _circle(points: Array) -> tuple[Array, float]:
@@ -273,5 +307,6 @@ def platform_jacobian(drive: DeltaDrive, geometry: DeltaGeometry, point: Array) 
     rows = np.flatnonzero(found.converged)
     closure = model.closure(q[rows])
     pose = found.pose[rows]
-    out[rows] = -linalg.pinv(closure.pose_matrix(pose)) @ closure.joint_matrix(pose)
+    # of a platform that turns, the rows of its turns come after those of its shifts
+    out[rows] = (-linalg.pinv(closure.pose_matrix(pose)) @ closure.joint_matrix(pose))[:, :3]
     return out

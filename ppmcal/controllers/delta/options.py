@@ -48,6 +48,12 @@ def delta_options(meshes: str, radius: str) -> tuple[ImportOption, ...]:
             "which shrinks; true; or all off by a factor that nothing is known of.",
             how={"choices": ("printed", "known", "unknown"), "shown": True}),
         ImportOption(
+            "effector", "str | None", None, "Import six rods instead of three, so that the "
+            "effector can tilt: from the nozzle to the line between the two joints of a pair, seen "
+            "from above, and between these joints, mm. Then it is said what heights of the probe "
+            "tell of the nozzle's, and what touches of the nozzle itself would.",
+            how={"metavar": "RADIUS,SPACING", "otherwise": "the effector stays level"}),
+        ImportOption(
             "radius", "float | None", None, "{words}, as you measured it, mm: from the joints at a "
             "tower to those at the effector, seen from above", radius,
             {"metavar": "MM", "otherwise": "as the file has it"}))

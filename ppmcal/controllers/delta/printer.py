@@ -76,6 +76,8 @@ class Printer:
         included: other files that were read.
         off: saved number -> by how much it is not what the printer's own fit gives, mm and degrees.
         size: both readings of its size, by distances and by rods, in a sentence.
+        probe: how far its probe stands beside the nozzle in x and y, mm.
+        by_hand: how many of the heights, the last ones, the nozzle itself touched.
     """
 
     source: str
@@ -90,6 +92,8 @@ class Printer:
     included: tuple[str, ...] = ()
     off: Mapping[str, float] = field(default_factory=dict)
     size: str = ""
+    probe: tuple[float, float] = (0.0, 0.0)
+    by_hand: int = 0
 
     @property
     def calibration(self) -> DeltaGeometry:

@@ -198,6 +198,10 @@ def _pair(line: str, section: str, where: str) -> tuple[str, str]:
     return parts[0].strip().lower(), parts[1].strip()
 
 
+BY_HAND = "manual_height"
+"""What heights are called that the nozzle itself touched."""
+
+
 def read_geometry(config: Config) -> DeltaGeometry:
     """Return the delta's numbers; b and c default to a's arm and endstop, as in the firmware."""
     printer = config.section("printer")
@@ -254,10 +258,17 @@ def geared(config: Config, name: str, steps: float, example: str) -> float:
 
 
 def read_touches(config: Config) -> tuple[list[tuple[float, ...]], list[tuple[float, ...]]]:
-    """Return what DELTA_CALIBRATE saved: heights and distances, and where carriages were."""
-    return ([row for kind in ("height", "manual_height")
-             for row in read_rows(config, kind, ("pos",))],
+    """Return what DELTA_CALIBRATE saved: heights and distances, and where carriages were.
+
+    Heights of the probe come first, those that the nozzle itself touched (:func:`by_hand`) last.
+    """
+    return ([row for kind in ("height", BY_HAND) for row in read_rows(config, kind, ("pos",))],
             read_rows(config, "distance", ("pos1", "pos2")))
+
+
+def by_hand(config: Config) -> int:
+    """Return how many heights the nozzle itself touched."""
+    return len(read_rows(config, BY_HAND, ("pos",)))
 
 
 def moved(rows: Sequence[tuple[float, ...]], step: Sequence[float]) -> list[tuple[float, ...]]:

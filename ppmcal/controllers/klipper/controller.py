@@ -265,7 +265,7 @@ def import_config(path: Path, options: Mapping[str, Any]) -> Imported:
     """Return a printer's files; see :class:`ppmcal.controllers.importing.Importer`."""
     if not is_rotary(read_config(path)):
         return _linear(path, options)
-    for name, none in (("rods", ()), ("mesh", ()), ("radius", None)):
+    for name, none in (("rods", ()), ("mesh", ()), ("radius", None), ("effector", None)):
         if options.get(name, none) != none:
             raise BadInput("a rotary delta is imported as its file has it", f"--{name}",
                            "Leave it out, and change machine.yaml")

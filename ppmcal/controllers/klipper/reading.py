@@ -40,6 +40,7 @@ from ppmcal.controllers.delta.printer import (
 from ppmcal.controllers.klipper.config import (
     LARGEST,
     Config,
+    by_hand,
     moved,
     read_config,
     read_geometry,
@@ -99,7 +100,9 @@ def read_printer(path: str | os.PathLike[str], rods: float | None = None,
             f"{len(heights)} heights cannot tell 6 parameters apart: measure more"))
     findings += [*nominal.findings, *(f for bed in beds for f in bed.findings)]
     return Printer(str(path), geometry, nominal, saved, tuple(heights),
-                   tuple(distances), beds, tuple(findings), result, config.files)
+                   tuple(distances), beds, tuple(findings), result, config.files,
+                   probe=(_probe(config, "x_offset"), _probe(config, "y_offset")),
+                   by_hand=by_hand(config))
 
 
 def _equal(one: str, two: str) -> bool:

@@ -41,7 +41,7 @@ from ppmcal.controllers.delta.gcode import DIGITS, Lines, parse_lines, two_lines
 from ppmcal.controllers.delta.geometry import DeltaGeometry, Triple, triple
 from ppmcal.controllers.delta.importer import printer_importer
 from ppmcal.controllers.delta.printer import Printer, stated_nominal
-from ppmcal.controllers.reprap.heights import read_mesh
+from ppmcal.controllers.reprap.heights import probe_offset, read_mesh
 from ppmcal.controllers.text import Rounded, read_text
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array
@@ -244,7 +244,8 @@ def read_printer(path: Path, rods: float | None = None, meshes: Sequence[str] = 
         findings.append(Note("the file holds no touches: give the map that G29 wrote with --mesh "
                              "heightmap.csv"))
     findings += [f for bed in beds for f in bed.findings]
-    return Printer(str(path), now, nominal, active != delta, meshes=beds, findings=tuple(findings))
+    return Printer(str(path), now, nominal, active != delta, meshes=beds, findings=tuple(findings),
+                   probe=probe_offset(path)[:2])
 
 
 def _active(path: Path, lines: Lines, delta: Delta) -> tuple[Delta, list[Note]]:

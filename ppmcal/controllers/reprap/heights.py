@@ -34,7 +34,7 @@ def read_mesh(config: Path, travel: Callable[[Array], Array], path: Path) -> Mes
     Raises:
         BadInput: it is no such map.
     """
-    offset = _probe_offset(config)
+    offset = probe_offset(config)
     grid, touched = read_map(path)
     point, way = in_rows(grid, touched)
     point = point - np.array([offset[0], offset[1], -offset[2]])
@@ -42,7 +42,7 @@ def read_mesh(config: Path, travel: Callable[[Array], Array], path: Path) -> Mes
     return mesh_of(path.stem, str(path), offset[2], down, way)
 
 
-def _probe_offset(config: Path) -> tuple[float, float, float]:
+def probe_offset(config: Path) -> tuple[float, float, float]:
     """Return X, Y, Z of the last G31: the probe from the nozzle, and its trigger height, mm."""
     found = {"X": 0.0, "Y": 0.0, "Z": 0.0}
     for line in _PROBE.findall(read_text(config)):

@@ -1,0 +1,203 @@
+"""What touches beside the tool leave open of its own height, where the platform can tilt.
+
+A probe that stands beside the tool (a printer's nozzle) shows its own height. Where the platform
+tilts, the tool's is another one, and how it tilts over the flat is known only as far as heights of
+one point hold the parts that make it tilt. Touches at a second offset, best of the tool itself,
+tell it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ppmcal import algebra as cga
+from ppmcal.calibration.fit import Fit, directions, typical_noise
+from ppmcal.linalg import Array, Ints
+from ppmcal.model.dataset import Unknown
+from ppmcal.notes import NOTE, Note
+from ppmcal.units import Units
+from ppmcal.wording import number
+
+TOPIC = "platform tilt"
+"""Of the sentences."""
+PLACES = 60
+"""Of so many touches, spread over the rows, the tool's height is judged."""
+MOST = 12
+"""No more touches are proposed."""
+AS_GOOD = 1.25
+"""The tool's height is known where its standard deviation is below so many of the probe's."""
+OPEN = 1.5
+"""It is open where it is above so many of the probe's, and of one touch's noise."""
+BESIDE = 1e-3
+"""A probe that is nearer to the tool than this part of the reach does not stand beside it."""
+
+
+@dataclass(frozen=True)
+class ToolHeight:
+    """How well the tool's height over the touched flat is known, SI, rms over the touches.
+
+    Attributes:
+        dataset: index of the touches.
+        offset: of the probe from the tool (2,), platform axes.
+        probe, tool: standard deviations of the heights of either.
+        expected, left: standard deviation of the difference that tilt makes between them, by the
+            tolerances alone, and with all that was measured; inf where nothing holds it.
+        found: from where to where the probe stands against the tool, more than a level platform
+            would hold it, at the machine as it is now.
+        touches: how many of the tool itself are proposed; at: rows where (n,); with_tool: the
+            tool's standard deviation with them; with_other: with as many of a probe on the other
+            side of the tool.
+    """
+
+    dataset: int
+    offset: tuple[float, float]
+    probe: float
+    tool: float
+    expected: float
+    left: float
+    found: tuple[float, float]
+    touches: int
+    at: tuple[int, ...]
+    with_tool: float
+    with_other: float
+
+
+def open_tool_height(fit: Fit) -> ToolHeight | None:
+    """Return what touches beside the tool leave open of its height, None where nothing.
+
+    Args:
+        fit: of a machine, or as it is before a fit.
+    """
+    motion = fit.problem.mechanism.motion
+    if motion.planar or not motion.turns:
+        return None
+    found = [own for i in range(len(fit.problem.datasets)) if (own := _judged(fit, i)) is not None]
+    return max(found, key=lambda f: f.tool) if found else None
+
+
+def _judged(fit: Fit, i: int) -> ToolHeight | None:
+    data = fit.problem.datasets[i]
+    target = fit.state.registrations[i].target
+    offset = float(np.hypot(*target[:2]))
+    rows = np.flatnonzero(fit.keep[i])
+    if (not data.kind.touches or data.target.fitted or not rows.size
+            or offset < BESIDE * fit.problem.mechanism.length_scale):
+        return None
+    rows = rows[np.linspace(0, rows.size - 1, min(PLACES, rows.size)).astype(int)]
+    own, tool, other = (_slopes(fit, i, rows, place) for place in (
+        target, np.array([0.0, 0.0, target[2]]), target * [-1.0, -1.0, 1.0]))
+    noise = typical_noise(data) * fit.noise
+    by_probe, by_tool = _rms(fit, own), _rms(fit, tool)
+    if not by_tool > OPEN * max(by_probe, noise):
+        return None
+    geometry = np.arange(own.shape[1]) < len(fit.problem.free)
+    expected = _rms(fit, np.where(geometry, own - tool, 0.0), data=False)
+    left = _rms(fit, own - tool)
+    wanted = max(AS_GOOD * by_probe, 0.5 * noise)
+    at, with_tool = _touched(fit, tool, tool, noise, wanted)
+    _, with_other = _touched(fit, tool, other, noise, 0.0, len(at))
+    tilted = (cga.rotation_matrix(fit.state.poses[i][rows, :8]) @ target)[:, 2] - target[2]
+    return ToolHeight(i, (float(target[0]), float(target[1])), by_probe, by_tool,
+                      expected, left, (float(tilted.min()), float(tilted.max())), len(at),
+                      tuple(int(rows[n]) for n in at), with_tool, with_other)
+
+
+def _slopes(fit: Fit, i: int, rows: Ints, target: Array) -> Array:
+    """Return d height (n, C) of a point of the platform over the flat, at touches of a probe."""
+    datasets = list(fit.problem.datasets)
+    datasets[i] = replace(datasets[i], target=Unknown(False, target))
+    problem = fit.problem.changed(datasets=tuple(datasets))
+    registrations = list(fit.state.registrations)
+    registrations[i] = replace(registrations[i], target=target)
+    keep = np.isin(np.arange(len(datasets[i])), rows)
+    state = replace(fit.state, registrations=tuple(registrations))
+    return np.concatenate([part.raw_jacobian()[:, 0] for part in problem.rows_of(
+        i, state, keep=keep)])
+
+
+def _half(fit: Fit, slopes: Array, data: bool = True) -> Array:
+    """Return A (n, r), A A^T the covariance of slopes (n, C) . columns; inf where one is open."""
+    units = slopes * fit.scale
+    if not data:
+        with np.errstate(divide="ignore"):
+            own = np.where(fit.prior > 0.0, 1.0 / (fit.prior * fit.scale), np.inf)
+        return np.where(units == 0.0, 0.0, units) * np.where(np.any(units, axis=0), own, 0.0)
+    s, vt, seen = directions(fit)
+    out = units @ (vt[seen].T / s[seen])
+    lost = np.linalg.norm(units @ vt[~seen].T, axis=1) > 1e-6 * np.linalg.norm(units, axis=1)
+    out[lost] = np.inf
+    return np.asarray(out)
+
+
+def _rms(fit: Fit, slopes: Array, data: bool = True) -> float:
+    """Return the standard deviation of slopes (n, C) . columns, rms over n."""
+    return float(np.sqrt(np.mean(np.sum(_half(fit, slopes, data)**2, axis=1))))
+
+
+def _touched(fit: Fit, wanted: Array, offered: Array, noise: float, enough: float, most: int = MOST
+             ) -> tuple[list[int], float]:
+    """Return where to touch next, one after the other, and what is left of the wanted heights.
+
+    Args:
+        fit: what is known so far.
+        wanted: slopes (n, C) of the heights that are to be known.
+        offered: of those that can be touched, likewise.
+        noise: of a touch.
+        enough: the standard deviation, rms over n, at which no more is needed.
+        most: touches.
+    """
+    half = np.concatenate([_half(fit, wanted), _half(fit, offered)])
+    if not np.isfinite(half).all():
+        return [], float("inf")
+    count, chosen = len(wanted), list[int]()
+    covariance = half @ half.T
+    while True:
+        left = float(np.sqrt(max(np.mean(np.diagonal(covariance)[:count]), 0.0)))
+        if left <= enough or len(chosen) == most:
+            return chosen, left
+        across, own = covariance[:count, count:], np.diagonal(covariance)[count:] + noise**2
+        best = int(np.argmax(np.sum(across**2, axis=0) / own))
+        chosen.append(best)
+        column = covariance[:, count + best].copy()
+        covariance -= np.outer(column, column) / own[best]
+
+
+def tilt_sentences(fit: Fit, fitted: bool = True) -> Iterator[Note]:
+    """Yield what touches beside the tool leave open of its height, and what would tell it.
+
+    ``fitted``: whether the machine is the one that the measurements make, and its tilt a finding.
+    """
+    found = open_tool_height(fit)
+    if found is not None:
+        data = fit.problem.datasets[found.dataset]
+        yield Note(_sentence(found, data.name, data.units, fit, fitted), NOTE, TOPIC)
+
+
+def _sentence(found: ToolHeight, name: str, units: Units, fit: Fit, fitted: bool) -> str:
+    factor, unit = units.factor("length"), units.length
+
+    def said(value: float) -> str:
+        return f"{number(value / factor, 2)}"
+
+    x, y = (number(v / factor, 4) for v in found.offset)
+    told = (f"{name}: the probe stands {x}, {y} {unit} beside the tool, and the platform can tilt. "
+            f"The tool's height over the flat is known to {said(found.tool)} {unit} (one standard "
+            f"deviation), the probe's to {said(found.probe)}: heights at one offset leave "
+            f"{said(found.left)} {unit} of the difference open, of {said(found.expected)} that the "
+            "tolerances allow")
+    if fitted:
+        low, high = found.found
+        told += (f"; the fitted machine holds the probe {said(low)} to {said(high)} {unit} higher "
+                 "than a level platform")
+    if not found.touches:
+        return f"{told}."
+    at = cga.translation(fit.state.poses[found.dataset][list(found.at), :8])[:, :2] / factor
+    digit = 10.0 ** np.floor(np.log10(np.max(np.abs(at))) - 1.0)
+    places = "; ".join(f"{number(a)}, {number(b)}" for a, b in (
+        np.round(at / digit) * digit + 0.0).tolist())
+    return (f"{told}. {found.touches} touches of the tool itself (at x, y {places} {unit}, in a "
+            f"file with `target: [0, 0, 0]`) would bring it to {said(found.with_tool)} {unit}; as "
+            f"many of a probe on the other side of the tool, to {said(found.with_other)} {unit}.")
