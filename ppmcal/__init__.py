@@ -29,12 +29,16 @@ _HOME = {"BadInput": "errors", "NoResult": "errors", "PpmcalError": "errors",
 def __getattr__(name: str) -> "Any":
     """Load the module that holds ``name`` on first use."""
     import importlib
+    import os
 
     if name == "__all__":
         return sorted([*_HOME, *importlib.import_module(f"{__name__}.commands").functions()])
     if name in _HOME:
         return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
-    if name.startswith("_") or name not in importlib.import_module(
+    # `from ppmcal import linalg` asks here first; no command has a room's name in Python
+    room = any(os.path.exists(os.path.join(place, name + end)) for place in __path__
+               for end in ("", ".py"))
+    if name.startswith("_") or room or name not in importlib.import_module(
             f"{__name__}.commands").functions():
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return importlib.import_module(f"{__name__}.commands.face").function(name)

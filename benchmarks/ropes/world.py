@@ -61,6 +61,15 @@ def _caught(r: Rows) -> Array:
     return r.rng.normal(size=(int(r.place.max()) + 1, r.length.shape[1]))[r.place]
 
 
+def _rough(r: Rows) -> Array:
+    """Return what friction leaves at each place, wild, and between the readings of one place."""
+    count = int(r.place.max()) + 1
+    own = r.rng.standard_t(3.0, size=(count, r.length.shape[1]))[r.place]
+    settling = r.rng.standard_t(3.0, size=r.length.shape) * r.rng.uniform(
+        0.0, 0.4, size=(count, 1))[r.place]
+    return own + settling
+
+
 def _wanders(r: Rows) -> Array:
     steps = r.rng.normal(size=len(r.length)).cumsum() / np.sqrt(len(r.length))
     return _one(np.repeat(steps[:, None], r.length.shape[1], axis=1), int(r.rng.integers(4)))
@@ -87,6 +96,7 @@ CAUSES: dict[str, tuple[Cause | None, frozenset[str]]] = {
     "wave": (_wave, frozenset({"periodic"})),
     "backlash": (lambda r: _one(0.5 * r.side, 1), frozenset({"backlash"})),
     "caught": (_caught, frozenset()),
+    "rough": (lambda r: r.length * r.tension, frozenset({"rope_stretch", "anchor_give"})),
     "wanders": (_wanders, frozenset()),
     "none-by-day": (None, frozenset()),
     "homed": (_homed, frozenset({"zero_shift"})),
@@ -99,6 +109,10 @@ CAUSES: dict[str, tuple[Cause | None, frozenset[str]]] = {
 Stretch and a frame that gives differ by the ropes' lengths alone: either name is right for both."""
 BY_DAY = frozenset({"none-by-day", "homed", "pulled"})
 """Causes of campaigns of several sessions."""
+ROUGH = frozenset({"rough"})
+"""Causes beside which friction adds to each place what no model has, as on a real router: there
+`eta` counts in the rms of that, and it is so many times the noise."""
+TIMES = 3.0
 IN_FORCE = frozenset({"none-in-force", "elastic"})
 """Causes of campaigns whose ropes have force sensors."""
 SESSIONS = 3
@@ -147,8 +161,13 @@ def session(machine: Machine, cause: str, eta: float, rng: np.random.Generator, 
     rows = Rows(length, tension, place, np.sign(length - before), rng, day, pull * tension)
     made = CAUSES[cause][0]
     extra = np.zeros_like(length) if made is None else made(rows)
-    size = eta * NOISE / _seen(machine, extra, anchors, hooks, poses) if made else 0.0
-    readings = length - offset - size * extra + NOISE * rng.normal(size=length.shape)
+    noise = NOISE
+    rough = 0.0
+    if cause in ROUGH:
+        rough = TIMES * NOISE * _rough(rows) / np.sqrt(3.0)    # of variance 3 each
+        noise *= TIMES
+    size = eta * noise / _seen(machine, extra, anchors, hooks, poses) if made else 0.0
+    readings = length - offset - size * extra - rough + NOISE * rng.normal(size=length.shape)
     seen = None
     if machine.instrument == "pose":
         seen = poses + np.array([NOISE] * 3 + [TURN_NOISE] * 3) * rng.normal(size=poses.shape)

@@ -32,7 +32,9 @@ class LazyGroup(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Load one command."""
-        if cmd_name not in self.list_commands(ctx):
+        from ppmcal.commands import exists
+
+        if not exists(cmd_name):
             return None
         from ppmcal.cli.built import built
 
@@ -41,10 +43,12 @@ class LazyGroup(click.Group):
     def resolve_command(self, ctx: click.Context, args: list[str]
                         ) -> tuple[str | None, click.Command | None, list[str]]:
         """Name the nearest command when there is no such one."""
-        import difflib
+        from ppmcal.commands import exists
 
-        if args and not args[0].startswith("-") and args[0] not in (
-                known := self.list_commands(ctx)):
+        if args and not args[0].startswith("-") and not exists(args[0]):
+            import difflib
+
+            known = self.list_commands(ctx)
             near = difflib.get_close_matches(args[0], known, n=1)
             hint = f" Did you mean '{near[0]}'?" if near else ""
             raise click.UsageError(f"No such command '{args[0]}'. There are: "

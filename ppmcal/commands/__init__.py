@@ -29,6 +29,11 @@ def names() -> tuple[str, ...]:
     return tuple(sorted(_folders(), key=lambda name: (int(_module(name).ORDER), name)))
 
 
+def exists(name: str) -> bool:
+    """Return whether there is such a command; loads none."""
+    return name in _folders()
+
+
 def line(name: str) -> str:
     """Return what a command does, in a line."""
     return (_module(name).__doc__ or "").strip()

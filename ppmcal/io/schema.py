@@ -213,7 +213,8 @@ class Strict(BaseModel):
     """A mapping of a file: unknown and missing keys are refused by name."""
 
     model_config = ConfigDict(extra="forbid", strict=False, frozen=True,
-                              arbitrary_types_allowed=True, use_attribute_docstrings=True)
+                              arbitrary_types_allowed=True, use_attribute_docstrings=True,
+                              defer_build=True)
     examples: ClassVar[Mapping[str, str]] = {}
 
     @model_validator(mode="before")

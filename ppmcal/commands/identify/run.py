@@ -51,7 +51,6 @@ from ppmcal.commands.identify.result import IdentificationResult
 from ppmcal.commands.inputs import data_files, datasets_of, prepared, started
 from ppmcal.commands.spec import Path_, Refusal
 from ppmcal.design.missing_poses import poses_to_tell, weak_campaign
-from ppmcal.diagnosis.left_over_pattern import left_over_pattern, pattern_sentence
 from ppmcal.errors import BadInput, NoResult, PpmcalError
 from ppmcal.io.results.knowledge import KNOWLEDGE, check_data_not_reused, read_posterior
 from ppmcal.io.results.parts import MISREAD, misreading_entries
@@ -68,6 +67,9 @@ APART, FREEDOMS, MISSING, PATTERN, TOLERATED = (
     "which poses are missing", "whether residuals have a pattern",
     "whether the tolerances are kept")
 """What is reported beside a fit."""
+AMPLE = 12
+"""With so many values more than columns a residual is in too many directions for a pattern, and
+nothing of the diagnosis need be loaded."""
 
 
 def run(asked: IdentifyArguments) -> IdentificationResult:
@@ -271,6 +273,10 @@ def _refuse_unobservable(problem: Problem, source: str) -> None:
 
 def left_over(fit: Fit, seed: int) -> list[Note]:
     """Return what pattern a residual has that hardly any freedom is left for, in words."""
+    if fit.information.count > len(fit.problem.columns) + AMPLE:
+        return []
+    from ppmcal.diagnosis.left_over_pattern import left_over_pattern, pattern_sentence
+
     pattern = left_over_pattern(fit)
     if pattern is None:
         return []
