@@ -143,15 +143,16 @@ class Round:
     def _leading(self, members: tuple[Member, ...], block: int) -> tuple[tuple[Member, ...], int]:
         """Return members, those first whose family leads, and the block that stands for it.
 
-        A family leads by all members in which it is, whatever stands beside it there.
+        A family leads by all members in which it is, whatever stands beside it there; of two that
+        are in the same ones that of the best set.
         """
         best, blocks = frozenset(self.answer.best.chosen), self.asked.question.blocks
         own = [m.chosen - (best - {block}) for m in members]
         mass: dict[str, float] = defaultdict(float)
         for m, some in zip(members, own, strict=True):
-            for family in {blocks[i].family for i in some}:
+            for family in dict.fromkeys(blocks[i].family for i in sorted(some)):
                 mass[family] += m.probability
-        leader = max(mass, key=lambda f: mass[f], default="")
+        leader = max(mass, key=lambda f: (mass[f], f == blocks[block].family), default="")
         for alone in (True, False):
             for m, some in zip(members, own, strict=True):
                 mine = [i for i in some if blocks[i].family == leader]

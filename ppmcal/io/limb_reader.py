@@ -64,7 +64,7 @@ def _of_those_called_so(kind: LimbKind, raw: Mapping[Any, Any], motion: Motion, 
         raise BadInput(f"{' and '.join(sorted(over))} are given, but a rope leaves over one pulley",
                        f"{place}.base", "Leave out one of them")
     fits = {k.pulley.key if k.pulley else "": k for k in alike if k.planar == motion.planar}
-    for key in over - set(fits):
+    for key in sorted(over - set(fits)):
         others = " or ".join(f"base.{k}" for k in fits if k) or "base.point"
         raise BadInput(f"a {key} turns out of the plane, in which {motion} motion stays",
                        f"{place}.base.{key}", f"Give {others}")

@@ -168,3 +168,14 @@ def test_a_search_without_end_is_given_up_and_says_so(slipped: Fit,
     monkeypatch.setattr(moves, "SETS", 20)
     (only,) = explained(slipped, FitOptions(), ["zero_shift"])
     assert only.answer.ended and only.given_up == (explanation.ENDED, explanation.UNSETTLED)
+
+
+@pytest.mark.parametrize("family", [f"cause {n}" for n in range(12)])
+def test_of_two_that_are_in_the_same_sets_that_of_the_best_set_leads(family: str) -> None:
+    """Whatever the order in which Python keeps names, which is another in every process."""
+    blocks = [Block(name, (n,), name, -1.0) for n, name in enumerate((family, UNKNOWN_FAMILY))]
+    members = (Member(family, 1.0, frozenset({0, 1})),)
+    for best in (0, 1):
+        what: Any = SimpleNamespace(answer=SimpleNamespace(best=SimpleNamespace(chosen=(best,))),
+                                    asked=SimpleNamespace(question=SimpleNamespace(blocks=blocks)))
+        assert blocks[Round._leading(what, members, best)[1]].family == blocks[best].family

@@ -76,7 +76,7 @@ def combined(targets: Sequence[ReadRun], machine: Mechanism, place: str
                         if t.data.covariance is None else t.data.covariance[use])
     found = body_poses(points, measured, noise, machine.motion.planar)
     if all(found.reason):
-        why = max(set(found.reason), key=found.reason.count)
+        why = max(dict.fromkeys(found.reason), key=found.reason.count)
         raise BadInput(f"no row shows a pose: {why}", f"{place}: targets", "In space it takes "
                        "three targets that are not on one line, in the plane two that are apart")
     units = targets[0].data.units
