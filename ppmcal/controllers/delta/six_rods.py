@@ -7,7 +7,7 @@ nozzle's.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,8 +60,8 @@ def six_limbs(printer: Printer, rods: str, effector: Effector, radius: str, lean
     """Return the lines of the limbs, two to a tower.
 
     What a tower's two rods have in common are shared parameters, as firmwares have them; what can
-    tilt the effector are the places of its joints, each by itself. A joint at a carriage is
-    reached from the middle of the bed: turned to its tower, up it, and out to the joint.
+    tilt the effector are the places of its joints, each by itself. Both joints of a carriage are
+    counted from the tower, turned to it.
 
     Args:
         printer: as it was meant to be.
@@ -71,65 +71,55 @@ def six_limbs(printer: Printer, rods: str, effector: Effector, radius: str, lean
         lean: tolerance of a tower's direction, degrees.
     """
     g = printer.nominal.geometry
-    out = g.radius + effector.radius
-    whole = f", value: {out!r}, nominal: {out!r}, tolerance: {radius}"
     lines: list[str] = []
     for tower, name in enumerate(TOWERS):
-        angle = g.angles[tower] % 360.0
-        angle -= 360.0 * (angle > 180.0)    # a rotation vector's
         held = ", fixed: true" if tower == 2 else ""
         length = f"value: {g.arms[tower]!r}"
         for side in (-1, 1):
-            lines.append(_Rod(name, side, angle, effector).lines(
-                f"share: tower_{name}", f"value: [0, 0, 1], fixed: true, tolerance: {lean}",
-                f"share: angle_{name}", f"value: {angle!r}, nominal: {angle!r}{held}",
-                "share: tower_radius" + ("" if lines else whole),
-                {"fixed": f"{length}, fixed: true",
-                 "shared": "share: rod" + ("" if lines else f", {length}"),
-                 "single": f"share: rod_{name}" + (f", {length}" if side < 0 else "")}[rods],
-                f"share: endstop_{name}", f"value: {offsets(g)[tower]!r}"))
+            first = side < 0
+            lines.append(_rod(name, side, g.angles[tower], effector, {
+                "radius": "share: tower_radius" + ("" if lines else (
+                    f", value: {g.radius + effector.radius!r}, tolerance: {radius}")),
+                "angle": f"share: angle_{name}" + f", value: {g.angles[tower]!r}{held}" * first,
+                "direction": f"share: tower_{name}" + (
+                    f", value: [0, 0, 1], fixed: true, tolerance: {lean}") * first,
+                "length": {"fixed": f"{length}, fixed: true",
+                           "shared": "share: rod" + ("" if lines else f", {length}"),
+                           "single": f"share: rod_{name}" + f", {length}" * first}[rods],
+                "offset": f"share: endstop_{name}" + f", value: {offsets(g)[tower]!r}" * first}))
     return "".join(lines)
 
 
-@dataclass(frozen=True)
-class _Rod:
-    """One of the two rods of a tower, at its angle, degrees; ``side``: -1 or 1."""
+def _rod(tower: str, side: int, angle: float, effector: Effector, said: Mapping[str, str]) -> str:
+    """Return one of the two rods of a tower as a limb.
 
-    tower: str
-    side: int
-    angle: float
-    effector: Effector
-
-    def lines(self, direction: str, upright: str, turn: str, angle: str, radius: str, length: str,
-              offset: str, value: str) -> str:
-        """Return the rod as a limb; what is shared is said in full at the first of the two."""
-        across = 0.5 * self.side * self.effector.spacing
-        way = np.radians(self.angle)
-        x, y = (round(float(v), 6) for v in (
-            self.effector.radius * np.cos(way) - across * np.sin(way),
-            self.effector.radius * np.sin(way) + across * np.cos(way)))
-        first = self.side < 0
-
-        def said(shared: str, whole: str) -> str:
-            return f"{{{shared}, {whole}}}" if first else f"{{{shared}}}"
-
-        return f"""\
-  - name: {self.tower}{1 if first else 2}
+    ``side``: -1 or 1; ``angle``: of the tower, degrees; ``said``: what stands in slots that it
+    shares.
+    """
+    across = 0.5 * side * effector.spacing
+    way = np.radians(angle)
+    x, y = (round(float(v), 6) for v in (
+        effector.radius * np.cos(way) - across * np.sin(way),
+        effector.radius * np.sin(way) + across * np.cos(way)))
+    turn = angle % 360.0 - 360.0 * (angle % 360.0 > 180.0)    # a rotation vector's
+    return f"""\
+  - name: {tower}{1 if side < 0 else 2}
     kind: {PUS.name}
-    actuator: {self.tower}
+    actuator: {tower}
     base:
-      point: {{value: [0, 0, 0], fixed: true}}    # the middle of the bed
-      direction: {said(direction, upright)}{"    # free: it leans" * first}
-    joint1:
-      rz: {said(turn, angle)}
-    joint2:
-      x: {{{radius}}}
-      y: {{value: {across!r}, nominal: {across!r}, fixed: true}}
+      point:    # of the tower
+        radius: {{{said["radius"]}}}
+        angle: {{{said["angle"]}}}
+        z: {{value: 0, fixed: true}}    # an error here is one of offset
+      direction: {{{said["direction"]}}}{"    # free: it leans" * (side < 0)}
+    # the carriage's joint, this far across from the middle of the two
+    joint1: {{rz: {{value: {turn!r}, nominal: {turn!r}, fixed: true}}}}
+    joint2: {{y: {{value: {across!r}, nominal: {across!r}, fixed: true}}}}
     platform:
       point: [{x!r}, {y!r}, 0]    # of all that tells this rod from the other five
-    length: {{{length}}}
+    length: {{{said["length"]}}}
     ratio: -1    # q is travel down from the endstop in mm, whatever the microsteps
-    offset: {said(offset, value)}
+    offset: {{{said["offset"]}}}
     branch: 1
 """
 

@@ -131,4 +131,5 @@ def sentence(off: Mapping[str, float]) -> Note:
     words = ", ".join(f"{key} by {v:+.3f} {unit_of(key)}"
                       for key, v in sorted(off.items(), key=lambda kv: -abs(kv[1])))
     return Note(f"the saved numbers are not what these touches give with the printer's own fit: "
-                f"off are {words}. They were edited by hand, or saved with other touches")
+                f"off are {words}. They were edited by hand, written by `ppmcal export`, or "
+                "saved with other touches")
