@@ -146,18 +146,17 @@ class Round:
         A family leads by all members in which it is, whatever stands beside it there; of two that
         are in the same ones that of the best set.
         """
-        best, blocks = frozenset(self.answer.best.chosen), self.asked.question.blocks
-        own = [m.chosen - (best - {block}) for m in members]
+        blocks = self.asked.question.blocks
         mass: dict[str, float] = defaultdict(float)
-        for m, some in zip(members, own, strict=True):
-            for family in dict.fromkeys(blocks[i].family for i in sorted(some)):
+        for m in members:
+            for family in dict.fromkeys(blocks[i].family for i in sorted(m.own)):
                 mass[family] += m.probability
         leader = max(mass, key=lambda f: (mass[f], f == blocks[block].family), default="")
         for alone in (True, False):
-            for m, some in zip(members, own, strict=True):
-                mine = [i for i in some if blocks[i].family == leader]
+            for m in members:
+                mine = [i for i in sorted(m.own) if blocks[i].family == leader]
                 # a name does not stand for two, unknown does
-                if mine and (len(some) == 1 if alone else leader == UNKNOWN_FAMILY):
+                if mine and (len(m.own) == 1 if alone else leader == UNKNOWN_FAMILY):
                     return (m, *(o for o in members if o is not m)), mine[0]
         return members, block
 

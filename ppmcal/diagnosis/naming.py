@@ -71,10 +71,9 @@ class Told:
         return frozenset((n, int(row)) for n, (old, new) in enumerate(pairs)
                          for row in np.flatnonzero(old.usable & ~new.usable))
 
-    def label(self, member: Member, place: CausePlace) -> str:
+    def label(self, member: Member) -> str:
         """Return what a member of a place is called, empty for nothing."""
-        own = member.chosen - (frozenset(self.last.answer.best.chosen) - {place.block})
-        return " and ".join(sorted({_called(self.last.asked.sources[i]) for i in own}))
+        return " and ".join(sorted({_called(self.last.asked.sources[i]) for i in member.own}))
 
     def hypotheses(self, member: Member) -> list[Hypothesis]:
         """Return all that have a name in the likeliest set of a member."""

@@ -45,7 +45,7 @@ def readings(what: Told, terms: LearnedTerms | None, options: DiagnosisOptions,
     with bounded(MOST_STEPS):
         for place, member, odds in others(what)[:MOST_READINGS]:
             wanted = {id(h) for h in what.hypotheses(member)}
-            label = what.label(member, place)
+            label = what.label(member)
             try:
                 sized = [s for s in what.last.sized(member.chosen) if id(s.hypothesis) in wanted]
                 machine, _ = extended(whole.problem.mechanism, sized)

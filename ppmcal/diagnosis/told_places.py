@@ -30,7 +30,7 @@ def unknown(what: Told, place: CausePlace) -> UnknownFound:
     mine = [m for m in place.members if m.family == UNKNOWN_FAMILY]
     others = [m for m in place.members if m not in mine]
     return UnknownFound(place.label, sum(m.probability for m in mine),
-                        tuple(what.label(m, place) for m in others),
+                        tuple(what.label(m) for m in others),
                         tuple(m.probability for m in others))
 
 
@@ -53,7 +53,7 @@ def candidates(what: Told, found: Found, named: bool) -> tuple[Candidate, ...]:
                   else "not needed")
         out.append(Candidate(
             best, min(sum(p for p, _ in some), 1.0), _visibility(found.last, best), status,
-            () if place is None else tuple(what.label(m, place) for m in place.members[1:])))
+            () if place is None else tuple(what.label(m) for m in place.members[1:])))
     return tuple(sorted(out, key=lambda c: (c.status != "named", -c.probability)))
 
 
@@ -88,6 +88,6 @@ def effects(what: Told, stage: Linearisation) -> tuple[NamedEffect, ...]:
         visibility = _visibility(stage, place.hypothesis)
         out += [NamedEffect(
             place.hypothesis.kind, a.on, a.parameters, visibility, first.probability,
-            tuple(what.label(m, place) for m in others),
+            tuple(what.label(m) for m in others),
             tuple(m.probability for m in others), place.hypothesis) for a in added]
     return tuple(out)

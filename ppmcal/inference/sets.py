@@ -27,11 +27,15 @@ MOVES = 100
 
 @dataclass(frozen=True)
 class Member:
-    """What may be in a place: a family somewhere, "" of nothing, and the likeliest set with it."""
+    """What may be in a place: a family somewhere, "" of nothing, and the likeliest set with it.
+
+    ``own``: the blocks of that set which stand in the place.
+    """
 
     family: str
     probability: float
     chosen: Numbers
+    own: Numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,23 +141,27 @@ class SetPosterior:
 
     def _members(self, place: int, log_p: Mapping[Numbers, float]) -> dict[Answer, Member]:
         """Return what may be in a place, likeliest first, where sets have these probabilities."""
-        found: dict[Answer, list[tuple[float, Numbers]]] = defaultdict(list)
+        found: dict[Answer, list[tuple[float, Numbers, Numbers]]] = defaultdict(list)
         for key, p in log_p.items():
-            found[self._in_place(self.best.chosen[place], key)].append((p, key))
-        members = {what: Member(" and ".join(sorted({family for family, _ in what})),
-                                min(float(np.exp(linalg.logsumexp([p for p, _ in own]))), 1.0),
-                                max(own, key=lambda o: o[0])[1]) for what, own in found.items()}
+            own = self._in_place(self.best.chosen[place], key)
+            found[frozenset(self._what[i] for i in own)].append((p, key, own))
+        members = {}
+        for what, some in found.items():
+            _, key, own = max(some, key=lambda o: o[0])
+            members[what] = Member(
+                " and ".join(sorted({family for family, _ in what})),
+                min(float(np.exp(linalg.logsumexp([p for p, _, _ in some]))), 1.0), key, own)
         return dict(sorted(members.items(), key=lambda m: -m[1].probability))
 
-    def _in_place(self, mine: int, key: Numbers) -> Answer:
-        """Return which families are where in a set, in the place of a block of the best set."""
+    def _in_place(self, mine: int, key: Numbers) -> Numbers:
+        """Return the blocks of a set that stand in the place of a block of the best set."""
         best, what = frozenset(self.best.chosen), self._what
         if mine in key:
-            return frozenset({what[mine]})
-        if sum(what[i] == what[mine] for i in key) >= sum(what[i] == what[mine] for i in best):
-            return frozenset({what[mine]})
-        return frozenset(what[i] for i in key - best
-                         if what[i][0] not in self.best.question.alone)
+            return frozenset({mine})
+        alike = frozenset(i for i in key if what[i] == what[mine])
+        if len(alike) >= sum(what[i] == what[mine] for i in best):
+            return alike - best
+        return frozenset(i for i in key - best if what[i][0] not in self.best.question.alone)
 
 
 def posterior(question: Question, start: Sequence[int] = (),

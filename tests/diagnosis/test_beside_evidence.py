@@ -73,8 +73,9 @@ def test_rows_that_do_not_belong_are_those_of_the_file_whatever_a_system_has_los
 def test_a_set_that_stands_in_for_two_names_is_one_reading() -> None:
     """All legs alike in the place of either of two: one machine, which counts once."""
     def place(block: int, own: float) -> CausePlace:
-        return CausePlace((Member("backlash", own, frozenset({0, 1})),
-                           Member("backlash", 0.07, frozenset({2}))), block, block, "", None)
+        return CausePlace((Member("backlash", own, frozenset({0, 1}), frozenset({1})),
+                           Member("backlash", 0.07, frozenset({2}), frozenset({2}))),
+                          block, block, "", None)
 
     what: Any = SimpleNamespace(effects=((place(0, 0.92), ()), (place(1, 0.91), ())))
     (told, member, odds), = other_models.others(what)

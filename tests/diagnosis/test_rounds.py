@@ -87,7 +87,8 @@ def answered(*members: tuple[float, set[int]]) -> Round:
                     else Hypothesis(f, (f"leg{n}",), True, ("size",), (0.0,), (1.0,), (n,))
                     for n, f in enumerate(families))
     blocks = tuple(Block(f"{f} {n}", f, (n,), 0.0) for n, f in enumerate(families))
-    likely = [Member(" and ".join(sorted({families[i] for i in own})), p, frozenset(own))
+    likely = [Member(" and ".join(sorted({families[i] for i in own})), p, frozenset(own),
+                     frozenset(own))
               for p, own in members]
     answer = SimpleNamespace(best=SimpleNamespace(chosen=(0,)),
                              likely=lambda place, mass: tuple(likely))
@@ -174,7 +175,7 @@ def test_a_search_without_end_is_given_up_and_says_so(slipped: Fit,
 def test_of_two_that_are_in_the_same_sets_that_of_the_best_set_leads(family: str) -> None:
     """Whatever the order in which Python keeps names, which is another in every process."""
     blocks = [Block(name, (n,), name, -1.0) for n, name in enumerate((family, UNKNOWN_FAMILY))]
-    members = (Member(family, 1.0, frozenset({0, 1})),)
+    members = (Member(family, 1.0, frozenset({0, 1}), frozenset({0, 1})),)
     for best in (0, 1):
         what: Any = SimpleNamespace(answer=SimpleNamespace(best=SimpleNamespace(chosen=(best,))),
                                     asked=SimpleNamespace(question=SimpleNamespace(blocks=blocks)))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -76,6 +78,19 @@ def test_an_event_and_the_one_that_undoes_it_are_two_of_one_group() -> None:
     pair = found.best.question.log_prior([first, second])
     onsets = len(found.best.question.groups["slip on a"])
     assert pair - alone == pytest.approx(np.log(0.25 * 2.0 / (onsets - 1)))
+
+
+def test_what_stands_in_elsewhere_is_not_in_a_place() -> None:
+    """The likeliest set with a cause may have another in the place of the next one."""
+    blocks = tuple(Block(f"cause {n}", f"family {n}", (n,), 0.0) for n in range(4))
+    best: Any = SimpleNamespace(chosen=(0, 1), question=SimpleNamespace(
+        blocks=blocks, alone=frozenset({"family 3"})))
+    found = SetPosterior(best, {frozenset({0, 1}): np.log(0.3), frozenset({0, 2}): np.log(0.6),
+                                frozenset({2, 3}): np.log(0.1)}, np.zeros(4))
+    first, second = (found.members(place) for place in (0, 1))
+    assert [(m.family, m.own) for m in first] == [("family 0", {0}), ("family 2", {2})]
+    assert [(m.family, m.own) for m in second] == [("family 2", {2}), ("family 1", {1})]
+    assert first[0].chosen == {0, 2} and first[0].probability == pytest.approx(0.9)
 
 
 @pytest.mark.parametrize("acting", [(1,), (1, 4), (0, 2, 5), (0, 1, 2, 3, 4, 5)])
