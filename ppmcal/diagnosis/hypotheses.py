@@ -114,7 +114,7 @@ class Hypothesis:
 
         A constant that only one of them has is 0 in the other.
         """
-        names = {*self.constants, *other.constants} - {*self.strokes, *other.strokes}
+        names = sorted({*self.constants, *other.constants} - {*self.strokes, *other.strokes})
         pairs = [(self.constants.get(n, 0.0), other.constants.get(n, 0.0)) for n in names]
         return sum(abs(a - b) / (abs(a) + abs(b)) for a, b in pairs if a != b)
 
