@@ -99,6 +99,38 @@ def test_nothing_is_open_where_the_probe_is_the_nozzle_or_both_have_touched(tmp_
         assert not any("beside the tool" in f for f in found.findings)
 
 
+def test_a_bed_of_which_nothing_is_known_is_one_for_both_offsets(tmp_path: Path) -> None:
+    printer = SixRodPrinter(7)
+    for name, probe in (("one", PROBE), ("two", (-20.0, -8.0))):
+        (tmp_path / name).mkdir()
+        folder = imported(tmp_path / name, printer, probe=probe)
+        side = yaml.safe_load((folder / "heights.yaml").read_text())
+        side |= {"name": name, "frame": "unknown" if name == "one" else {"same_as": "one"}}
+        (folder / f"{name}.yaml").write_text(yaml.safe_dump(side))
+        (folder / f"{name}.csv").write_text((folder / "heights.csv").read_text())
+    one, two = tmp_path / "one" / "in", tmp_path / "two" / "in"
+    alone = ppmcal.identify(one / "machine.yaml", one / "one.csv")
+    said, = (f for f in alone.findings if "beside the tool" in f)
+    assert "frame: {same_as: one}" in said
+    both = ppmcal.identify(one / "machine.yaml", [one / "one.csv", two / "two.csv"])
+    assert open_tool_height(both.identification.fit) is None
+
+
+def test_without_tolerances_nothing_holds_the_nozzle(tmp_path: Path) -> None:
+    folder = imported(tmp_path, SixRodPrinter(4))
+    text = (folder / "machine.yaml").read_text().replace("point: 0.1,", "point: .inf,")
+    (folder / "machine.yaml").write_text(text)
+    checked = ppmcal.check(folder / "machine.yaml", folder / "heights.csv")
+    assert any("no tolerance holds it" in f for f in checked.findings)
+
+
+def test_touches_at_one_place_are_no_place_to_round(tmp_path: Path) -> None:
+    printer = SixRodPrinter(5)
+    config = printer.config(tmp_path / "p.cfg", PROBE, np.zeros((3, 2)), FRESH[:0], SIGMA, 5)
+    assert not any("nan" in f for f in ppmcal.import_config(
+        "klipper", config, effector="40,60").findings)
+
+
 @pytest.mark.slow
 def test_the_nozzle_is_missed_by_as_much_as_is_said(tmp_path: Path) -> None:
     """Over printers: the errors of the nozzle's height over what was promised of them."""

@@ -16,9 +16,8 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal.calibration.fit import Fit, directions, typical_noise
 from ppmcal.linalg import Array, Ints
-from ppmcal.model.dataset import Unknown
+from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.notes import NOTE, Note
-from ppmcal.units import Units
 from ppmcal.wording import number
 
 TOPIC = "platform tilt"
@@ -173,31 +172,41 @@ def tilt_sentences(fit: Fit, fitted: bool = True) -> Iterator[Note]:
     found = open_tool_height(fit)
     if found is not None:
         data = fit.problem.datasets[found.dataset]
-        yield Note(_sentence(found, data.name, data.units, fit, fitted), NOTE, TOPIC)
+        yield Note(_sentence(found, data, fit, fitted), NOTE, TOPIC)
 
 
-def _sentence(found: ToolHeight, name: str, units: Units, fit: Fit, fitted: bool) -> str:
-    factor, unit = units.factor("length"), units.length
+def _sentence(found: ToolHeight, data: Dataset, fit: Fit, fitted: bool) -> str:
+    factor, unit = data.units.factor("length"), data.units.length
+    file = "`target: [0, 0, 0]`" + (
+        f" and `frame: {{same_as: {data.name}}}`" if data.frame.fitted else "")
 
     def said(value: float) -> str:
-        return f"{number(value / factor, 2)}"
+        return number(value / factor, 2)
 
     x, y = (number(v / factor, 4) for v in found.offset)
-    told = (f"{name}: the probe stands {x}, {y} {unit} beside the tool, and the platform can tilt. "
-            f"The tool's height over the flat is known to {said(found.tool)} {unit} (one standard "
-            f"deviation), the probe's to {said(found.probe)}: heights at one offset leave "
-            f"{said(found.left)} {unit} of the difference open, of {said(found.expected)} that the "
-            "tolerances allow")
+    told = (f"{data.name}: the probe stands {x}, {y} {unit} beside the tool, and the platform can "
+            "tilt. ")
+    if not np.isfinite(found.tool):
+        return (f"{told}Heights at one offset leave the tool's height over the flat open, and no "
+                f"tolerance holds it: touch with the tool itself too, in a file with {file}.")
+    told += (f"The tool's height over the flat is known to {said(found.tool)} {unit} (one standard "
+             f"deviation), the probe's to {said(found.probe)}: heights at one offset leave "
+             f"{said(found.left)} {unit} of the difference open, of {said(found.expected)} that "
+             "the tolerances allow")
     if fitted:
         low, high = found.found
         told += (f"; the fitted machine holds the probe {said(low)} to {said(high)} {unit} higher "
                  "than a level platform")
-    if not found.touches:
-        return f"{told}."
+    return (f"{told}. {found.touches} touches of the tool itself (at x, y "
+            f"{_places(found, fit, factor)} {unit}, in a file with {file}) would bring it to "
+            f"{said(found.with_tool)} {unit}; as many of a probe on the other side of the tool, to "
+            f"{said(found.with_other)} {unit}.")
+
+
+def _places(found: ToolHeight, fit: Fit, factor: float) -> str:
+    """Return where to touch, in two digits of the farthest place."""
     at = cga.translation(fit.state.poses[found.dataset][list(found.at), :8])[:, :2] / factor
-    digit = 10.0 ** np.floor(np.log10(np.max(np.abs(at))) - 1.0)
-    places = "; ".join(f"{number(a)}, {number(b)}" for a, b in (
+    least = BESIDE * fit.problem.mechanism.length_scale / factor
+    digit = 10.0 ** np.floor(np.log10(max(float(np.max(np.abs(at))), least)) - 1.0)
+    return "; ".join(f"{number(x)}, {number(y)}" for x, y in (
         np.round(at / digit) * digit + 0.0).tolist())
-    return (f"{told}. {found.touches} touches of the tool itself (at x, y {places} {unit}, in a "
-            f"file with `target: [0, 0, 0]`) would bring it to {said(found.with_tool)} {unit}; as "
-            f"many of a probe on the other side of the tool, to {said(found.with_other)} {unit}.")

@@ -186,10 +186,12 @@ def _towers(mechanism: Mechanism) -> tuple[int, int, int]:
     """
     names = [mechanism.actuators[limb.actuator].lower() for limb in mechanism.limbs]
     ends = [n.removeprefix("stepper_").removeprefix("tower_") for n in names]
-    for first, second, third in (TOWERS, ("x", "y", "z"), tuple(dict.fromkeys(ends))):
+    for first, second, third in (TOWERS, ("x", "y", "z")):
         if {first, second, third} == set(ends):
             return ends.index(first), ends.index(second), ends.index(third)
-    return 0, 1, 2
+    actuators = [limb.actuator for limb in mechanism.limbs]
+    one, two, three = dict.fromkeys(actuators)
+    return actuators.index(one), actuators.index(two), actuators.index(three)
 
 
 def endstop(mechanism: Mechanism, actuator: int, ratio: float, place: str, hint: str) -> float:
