@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 import ppmcal
-from ppmcal.calibration.knowledge import open_tool_height
+from ppmcal.calibration.knowledge import tool_height
 from ppmcal.controllers.klipper.config import read_config, read_geometry
 from ppmcal.errors import BadInput
 from tests.helpers.six_rod_printer import SixRodPrinter, places
@@ -78,7 +78,7 @@ def test_what_is_open_is_said_on_import_before_the_fit_and_after_it(tmp_path: Pa
         said, = (f for f in findings if "beside the tool" in f)
         assert "25, 10 mm" in said and "touches of the tool itself" in said
         assert float(re.search(r"known to ([\d.]+) mm", said)[1]) > 0.03
-        assert float(re.search(r"would bring it to ([\d.]+) mm", said)[1]) < 0.02
+        assert float(re.search(r"would bring the tool to ([\d.]+) mm", said)[1]) < 0.02
 
 
 def test_a_level_import_says_how_to_import_six_rods(tmp_path: Path) -> None:
@@ -95,8 +95,11 @@ def test_nothing_is_open_where_the_probe_is_the_nozzle_or_both_have_touched(tmp_
         (tmp_path / name).mkdir()
         folder = imported(tmp_path / name, SixRodPrinter(3), **options)
         found = ppmcal.identify(folder / "machine.yaml", sorted(folder.glob("*heights.csv")))
-        assert open_tool_height(found.identification.fit) is None
-        assert not any("beside the tool" in f for f in found.findings)
+        told = tool_height(found.identification.fit)
+        assert (told is None) == (name == "one") and not (told and told.open)
+        said = [f for f in found.findings if "beside the tool" in f]
+        assert len(said) == (name == "two")
+        assert all("touches of the tool itself" not in f for f in said)
 
 
 def test_a_bed_of_which_nothing_is_known_is_one_for_both_offsets(tmp_path: Path) -> None:
@@ -113,7 +116,8 @@ def test_a_bed_of_which_nothing_is_known_is_one_for_both_offsets(tmp_path: Path)
     said, = (f for f in alone.findings if "beside the tool" in f)
     assert "frame: {same_as: one}" in said
     both = ppmcal.identify(one / "machine.yaml", [one / "one.csv", two / "two.csv"])
-    assert open_tool_height(both.identification.fit) is None
+    told = tool_height(both.identification.fit)
+    assert told is not None and not told.open
 
 
 def test_without_tolerances_nothing_holds_the_nozzle(tmp_path: Path) -> None:
@@ -140,7 +144,7 @@ def test_the_nozzle_is_missed_by_as_much_as_is_said(tmp_path: Path) -> None:
         (folder / "more").mkdir(parents=True)
         alone = imported(folder, printer)
         found = ppmcal.identify(alone / "machine.yaml", alone / "heights.csv")
-        told = open_tool_height(found.identification.fit)
+        told = tool_height(found.identification.fit)
         assert told is not None and 2 <= told.touches <= 12
         ratios["alone"].append(float(np.sqrt(np.mean(
             nozzle_errors(found, printer, folder)**2))) * 1e-3 / told.tool)
@@ -178,10 +182,34 @@ def test_exported_numbers_hold_the_nozzle_level_over_the_bed(tmp_path: Path) -> 
 
 def test_what_an_effector_cannot_be(tmp_path: Path) -> None:
     config = SixRodPrinter(1).config(tmp_path / "p.cfg", PROBE, PROBED, FRESH[:0], SIGMA, 5)
-    for wrong in ("40", "40,0", "a,b", "40,60,1", "nan,60"):
-        with pytest.raises(BadInput, match="radius and a spacing") as told:
+    for wrong, what in (("40", "radius and a spacing"), ("40,0", "radius and a spacing"),
+                        ("a,b", "radius and a spacing"), ("40,60,1", "radius and a spacing"),
+                        ("nan,60", "radius and a spacing"), ("140,60", "as large as the delta"),
+                        ("40,139", "beyond those of the next pair")):
+        with pytest.raises(BadInput, match=what) as told:
             ppmcal.import_config("klipper", config, effector=wrong)
         assert "--effector" in str(told.value)
+    inches = ppmcal.import_config("klipper", config, effector="1.575,2.362")
+    assert any("both are mm" in f for f in inches.findings)
+
+
+def test_heights_of_a_manual_calibration_are_the_nozzle_s(tmp_path: Path) -> None:
+    """DELTA_CALIBRATE METHOD=manual saves them as height0, height1 ... too, at 0."""
+    config = SixRodPrinter(1).config(tmp_path / "p.cfg", PROBE, FRESH[:0], FRESH[:7], SIGMA, 5)
+    config.write_text(config.read_text().replace("manual_height", "height"))
+    ppmcal.import_config("klipper", config, effector="40,60").save(tmp_path / "in")
+    assert {p.name for p in Path(tmp_path / "in").glob("*.csv")} == {"nozzle_heights.csv"}
+
+
+def test_a_file_without_a_probe_says_whose_heights_they_are(tmp_path: Path) -> None:
+    config = SixRodPrinter(1).config(tmp_path / "p.cfg", PROBE, PROBED, FRESH[:0], SIGMA, 5)
+    text = config.read_text()
+    config.write_text(text.replace("[probe]", "[beacon]"))
+    made = ppmcal.import_config("klipper", config, effector="40,60")
+    assert any("beside the tool" in f for f in made.findings)
+    config.write_text(text.replace("[probe]", "[not_known]"))
+    made = ppmcal.import_config("klipper", config, effector="40,60")
+    assert any("heights count as the nozzle's own" in f for f in made.findings)
 
 
 def test_the_export_says_that_the_effector_tilts(tmp_path: Path) -> None:

@@ -57,8 +57,8 @@ if TYPE_CHECKING:
     from ppmcal.calibration.knowledge.parameter_estimates import registered as registered
     from ppmcal.calibration.knowledge.parameter_estimates import with_estimates as with_estimates
     from ppmcal.calibration.knowledge.platform_tilt import ToolHeight as ToolHeight
-    from ppmcal.calibration.knowledge.platform_tilt import open_tool_height as open_tool_height
     from ppmcal.calibration.knowledge.platform_tilt import tilt_sentences as tilt_sentences
+    from ppmcal.calibration.knowledge.platform_tilt import tool_height as tool_height
     from ppmcal.calibration.knowledge.session_variance import SessionVariance as SessionVariance
     from ppmcal.calibration.knowledge.tension import (
         noise_beyond_tolerances as noise_beyond_tolerances,

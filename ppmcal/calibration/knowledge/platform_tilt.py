@@ -44,6 +44,7 @@ class ToolHeight:
         probe, tool: standard deviations of the heights of either.
         expected, left: standard deviation of the difference that tilt makes between them, by the
             tolerances alone, and with all that was measured; inf where nothing holds it.
+        open: whether the tool's height is known much worse than the probe's.
         found: from where to where the probe stands against the tool, more than a level platform
             would hold it, at the machine as it is now.
         touches: how many of the tool itself are proposed; at: rows where (n,); with_tool: the
@@ -57,6 +58,7 @@ class ToolHeight:
     tool: float
     expected: float
     left: float
+    open: bool
     found: tuple[float, float]
     touches: int
     at: tuple[int, ...]
@@ -64,8 +66,11 @@ class ToolHeight:
     with_other: float
 
 
-def open_tool_height(fit: Fit) -> ToolHeight | None:
-    """Return what touches beside the tool leave open of its height, None where nothing.
+def tool_height(fit: Fit) -> ToolHeight | None:
+    """Return how well the tool's height is known of which a probe has touched beside it.
+
+    None where no platform can tilt, or nothing was touched beside the tool; of several files that
+    which leaves most open.
 
     Args:
         fit: of a machine, or as it is before a fit.
@@ -90,18 +95,31 @@ def _judged(fit: Fit, i: int) -> ToolHeight | None:
         target, np.array([0.0, 0.0, target[2]]), target * [-1.0, -1.0, 1.0]))
     noise = typical_noise(data) * fit.noise
     by_probe, by_tool = _rms(fit, own), _rms(fit, tool)
-    if not by_tool > OPEN * max(by_probe, noise):
-        return None
+    open_ = by_tool > OPEN * max(by_probe, noise)
     geometry = np.arange(own.shape[1]) < len(fit.problem.free)
     expected = _rms(fit, np.where(geometry, own - tool, 0.0), data=False)
     left = _rms(fit, own - tool)
     wanted = max(AS_GOOD * by_probe, 0.5 * noise)
-    at, with_tool = _touched(fit, tool, tool, noise, wanted)
+    pose = fit.state.poses[i][rows, :8]
+    arm = cga.rotation_matrix(pose) @ target
+    safe = _within(cga.translation(pose)[:, :2], arm[:, :2])
+    at, with_tool = _touched(fit, tool, tool[safe], noise, wanted) if open_ else ([], by_tool)
     _, with_other = _touched(fit, tool, other, noise, 0.0, len(at))
-    tilted = (cga.rotation_matrix(fit.state.poses[i][rows, :8]) @ target)[:, 2] - target[2]
+    tilted = arm[:, 2] - target[2]
     return ToolHeight(i, (float(target[0]), float(target[1])), by_probe, by_tool,
-                      expected, left, (float(tilted.min()), float(tilted.max())), len(at),
-                      tuple(int(rows[n]) for n in at), with_tool, with_other)
+                      expected, left, open_, (float(tilted.min()), float(tilted.max())), len(at),
+                      tuple(int(rows[safe[n]]) for n in at), with_tool, with_other)
+
+
+def _within(tool: Array, arm: Array) -> Ints:
+    """Return which places of the tool (n, 2) are no farther out than what a probe has touched.
+
+    ``arm`` (n, 2): from the tool to the probe. All, where none is.
+    """
+    touched = tool + arm
+    middle = touched.mean(axis=0)
+    inside = np.hypot(*(tool - middle).T) <= np.hypot(*(touched - middle).T).max()
+    return np.flatnonzero(inside | ~inside.any())
 
 
 def _slopes(fit: Fit, i: int, rows: Ints, target: Array) -> Array:
@@ -165,11 +183,11 @@ def _touched(fit: Fit, wanted: Array, offered: Array, noise: float, enough: floa
 
 
 def tilt_sentences(fit: Fit, fitted: bool = True) -> Iterator[Note]:
-    """Yield what touches beside the tool leave open of its height, and what would tell it.
+    """Yield how well the tool's height is known, and what would tell more of it.
 
     ``fitted``: whether the machine is the one that the measurements make, and its tilt a finding.
     """
-    found = open_tool_height(fit)
+    found = tool_height(fit)
     if found is not None:
         data = fit.problem.datasets[found.dataset]
         yield Note(_sentence(found, data, fit, fitted), NOTE, TOPIC)
@@ -187,19 +205,21 @@ def _sentence(found: ToolHeight, data: Dataset, fit: Fit, fitted: bool) -> str:
     told = (f"{data.name}: the probe stands {x}, {y} {unit} beside the tool, and the platform can "
             "tilt. ")
     if not np.isfinite(found.tool):
-        return (f"{told}Heights at one offset leave the tool's height over the flat open, and no "
+        return (f"{told}These heights leave the tool's height over the flat open, and no "
                 f"tolerance holds it: touch with the tool itself too, in a file with {file}.")
     told += (f"The tool's height over the flat is known to {said(found.tool)} {unit} (one standard "
-             f"deviation), the probe's to {said(found.probe)}: heights at one offset leave "
-             f"{said(found.left)} {unit} of the difference open, of {said(found.expected)} that "
-             "the tolerances allow")
+             f"deviation), the probe's to {said(found.probe)}")
     if fitted:
         low, high = found.found
-        told += (f"; the fitted machine holds the probe {said(low)} to {said(high)} {unit} higher "
-                 "than a level platform")
-    return (f"{told}. {found.touches} touches of the tool itself (at x, y "
-            f"{_places(found, fit, factor)} {unit}, in a file with {file}) would bring it to "
-            f"{said(found.with_tool)} {unit}; as many of a probe on the other side of the tool, to "
+        told += f"; by the fit tilt lifts the probe by {said(low)} to {said(high)} {unit}"
+    if not found.open:
+        return f"{told}."
+    allowed = "" if data.frame.fitted else (
+        f", of {said(found.expected)} that the tolerances allow")
+    return (f"{told}. What is measured leaves {said(found.left)} {unit} of the difference open"
+            f"{allowed}. {found.touches} touches of the tool itself (at x, y "
+            f"{_places(found, fit, factor)} {unit}, in a file with {file}) would bring the tool to "
+            f"{said(found.with_tool)} {unit}; as many of a probe on the other side of it, to "
             f"{said(found.with_other)} {unit}.")
 
 

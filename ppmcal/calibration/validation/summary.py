@@ -301,7 +301,8 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
             f"the residuals are only {noise.sigma_ratio:.3g} times the {noise.source} noise: "
             "sigma is too large, in a wrong unit perhaps, so intervals are too wide"
             + (" and the data count too little against the tolerances" if fit.by_tolerances
-               else "") + "; correct it, or use --sigma estimated", topic="noise"))
+               else "") + ("; correct it, or use --sigma estimated" if noise.source == STATED else
+                           "; correct what the estimate begins with"), topic="noise"))
     out += secondary("limbs that rows show the other way round",
                      lambda: branch_findings(fit.problem, fit.state), [], notes)
     if noise.tight:
@@ -348,5 +349,7 @@ def unchecked(fit: Fit, rank: int) -> list[Note]:
     if fit.problem.earlier is not None or more >= LEAST or not rank:
         return []
     values = pluralize(round(fit.information.count), "measured value")
+    sigma = "sigma that its estimate begins with" if all(
+        d.estimated for d in fit.problem.datasets) else "stated sigma"
     return [Note(f"{values} for {rank} that they determine: too few to check the noise by, so "
-                 "intervals rest on the stated sigma alone; measure more poses", topic="few rows")]
+                 f"intervals rest on the {sigma} alone; measure more poses", topic="few rows")]

@@ -21,6 +21,7 @@ from ppmcal.io.results.export import (
     LEAST,
     NO_GAIN,
     NOT_JUDGED,
+    CommandErrors,
     ExportRecord,
     NotExpressedEntry,
     is_known,
@@ -33,6 +34,9 @@ from ppmcal.model.instruments import find_instrument
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import Note
 from ppmcal.wording import abbreviate_list
+
+HARDLY = 0.3
+"""With so much of what is there anyway, the sum of both in squares is a twentieth more."""
 
 
 @dataclass(frozen=True)
@@ -178,7 +182,8 @@ def verdict_of(record: ExportRecord, known: FitEvidence, warned: Sequence[str]) 
     if known.far:
         return {"answer": "only after a check", "unchecked": unchecked,
                 "why": f"the machine comes out farther from nominal than tolerances allow; {why}"}
-    lost = [entry.what for entry in record.not_expressed if _costs(entry)]
+    lost = [entry.what for entry in record.not_expressed
+            if _costs(entry, record.expected_after)]
     if lost:
         more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
         return {"answer": "only in part", "unchecked": unchecked,
@@ -186,11 +191,18 @@ def verdict_of(record: ExportRecord, known: FitEvidence, warned: Sequence[str]) 
     return {"answer": "yes", "why": why, "unchecked": unchecked}
 
 
-def _costs(entry: NotExpressedEntry) -> bool:
-    """Whether what cannot be expressed costs more than arithmetic, or nobody knows."""
-    sizes = [] if entry.cost is None else [entry.cost, entry.cost.rotation]
-    known = [one.rms or 0.0 for one in sizes if one is not None and is_known(one.rms)]
-    return not known or max(known) > LEAST
+def _costs(entry: NotExpressedEntry, expected: CommandErrors) -> bool:
+    """Whether what cannot be expressed costs more than arithmetic, or nobody knows.
+
+    And enough to show: with less than a part of what is to be ``expected`` anyway the sum of both
+    is hardly more.
+    """
+    if entry.cost is None:
+        return True
+    pairs = [(entry.cost.rms, expected.rms), *([] if entry.cost.rotation is None else [(
+        entry.cost.rotation.rms, expected.rotation.rms if expected.rotation else None)])]
+    known = [(cost or 0.0, anyway or 0.0) for cost, anyway in pairs if is_known(cost)]
+    return not known or any(cost > max(LEAST, HARDLY * anyway) for cost, anyway in known)
 
 
 def _gain(record: ExportRecord, known: FitEvidence) -> str:

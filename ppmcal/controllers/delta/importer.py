@@ -25,6 +25,7 @@ from ppmcal.controllers.delta.six_rods import (
     beside,
     by_probe_and_nozzle,
     effector_of,
+    refuse_effector,
     six_limbs,
 )
 from ppmcal.controllers.importing import MACHINE, Imported, machine_head, sidecar
@@ -97,6 +98,8 @@ def printer_importer(read: PrinterReader) -> Callable[[Path, Mapping[str, Any]],
         meshes = [str(m) for m in ([mesh] if isinstance(mesh, str | os.PathLike) else mesh)]
         printer = read(path, length, meshes, radius)
         findings = list(printer.findings)
+        if effector is not None:
+            findings += refuse_effector(effector, printer.nominal.geometry.radius)
         if printer.distances and scale == "known" and not printer.nominal.rods_known:
             findings.append(Note("the distances alone hold the size: where the part that they were "
                                  "measured on has shrunk by 0.3 %, rods of 300 mm come out 1 mm "
@@ -158,6 +161,12 @@ def _rods(given: str | float | Sequence[str | float]) -> tuple[float | None, str
     return length, word
 
 
+def _one_session(table: str) -> str:
+    """Return a table with a column that makes it one session with the others of the import."""
+    header, *rows = table.splitlines()
+    return "\n".join([f"{header},session", *(f"{row},calibration" for row in rows)]) + "\n"
+
+
 def _scale_line(scale: str) -> str:
     """Return the sidecar's line on the scale of measured distances, of :data:`SCALES`.
 
@@ -190,6 +199,7 @@ def files(printer: Printer, rods: str, scale: str = "known", choose: bool = Fals
     if by_nozzle:
         out |= _table("nozzle_heights", "plane", HEIGHT, by_nozzle, HEIGHT_SIGMA,
                       f"# Touches of the nozzle itself: its height above the bed, and {JOINTS}.")
+        out |= {name: _one_session(text) for name, text in out.items() if name.endswith(".csv")}
     if printer.distances:
         out["distances.yaml"] += _scale_line(scale)
     for mesh in printer.meshes:
@@ -362,6 +372,9 @@ def _tilt(problem: Problem | None, printer: Printer, effector: Effector | None) 
             yield Note(f"the probe stands {x:g}, {y:g} mm beside the nozzle: where the effector "
                        "tilts, heights are not the nozzle's. --effector RADIUS,SPACING imports six "
                        "rods, and says what they tell of it", NOTE)
+    elif not printer.probed:
+        yield Note("no section of a probe stands in the file: heights count as the nozzle's own",
+                   NOTE)
     elif problem is not None:
         try:
             yield from tilt_sentences(unfitted(problem), fitted=False)
@@ -382,7 +395,9 @@ def _datasets(texts: Mapping[str, str], mechanism: Mechanism) -> Iterator[Datase
             continue
         stem = name.removesuffix(".csv")
         header, *rows = csv.reader(text.splitlines())
-        yield touches(mechanism, stem, header, np.array(rows, dtype=float),
+        count = len(header) - (header[-1] == "session")
+        numbers = np.array([row[:count] for row in rows], dtype=float)
+        yield touches(mechanism, stem, header[:count], numbers,
                       yaml.safe_load(texts[f"{stem}.yaml"]))
 
 

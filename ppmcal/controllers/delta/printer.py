@@ -78,6 +78,7 @@ class Printer:
         size: both readings of its size, by distances and by rods, in a sentence.
         probe: how far its probe stands beside the nozzle in x and y, mm.
         by_hand: how many of the heights, the last ones, the nozzle itself touched.
+        probed: whether the configuration says where its probe is.
     """
 
     source: str
@@ -94,6 +95,7 @@ class Printer:
     size: str = ""
     probe: tuple[float, float] = (0.0, 0.0)
     by_hand: int = 0
+    probed: bool = True
 
     @property
     def calibration(self) -> DeltaGeometry:

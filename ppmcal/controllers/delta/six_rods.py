@@ -16,10 +16,15 @@ from ppmcal.controllers.delta.geometry import SMALLEST, TOWERS
 from ppmcal.controllers.delta.printer import Printer, offsets
 from ppmcal.errors import BadInput
 from ppmcal.model.limbs.spatial import PUS
+from ppmcal.notes import Note
 
 JOINT = 0.1
 """Tolerance of a joint of a rod against the other five, mm: holes, balls, and the rod's length
 against that of the others."""
+MEET = 2.0 * 3.0**0.5
+"""Spacing over radius at which the joints of neighbouring pairs meet."""
+SMALL = 10.0
+"""No printer is known whose effector is smaller, mm."""
 LARGEST = 1e4
 """No effector is larger, mm."""
 TILTING = "spatial             # a pose is x, y, z of the nozzle and the effector's rotation vector"
@@ -54,6 +59,26 @@ def effector_of(given: str | Sequence[float] | None) -> Effector | None:
                        "Give from the nozzle to the line between the two joints of a pair, seen "
                        "from above, and between these joints, such as --effector 40,60")
     return Effector(radius, spacing)
+
+
+def refuse_effector(effector: Effector, radius: float) -> list[Note]:
+    """Refuse an effector that no printer has, and return what is odd about it.
+
+    ``radius``: of the delta, mm.
+
+    Raises:
+        BadInput: it is as large as the printer, or joints of neighbouring pairs would meet.
+    """
+    if effector.radius >= radius:
+        raise BadInput(f"an effector of {effector.radius:g} mm is as large as the delta, whose "
+                       f"radius is {radius:g} mm", "--effector",
+                       "Give from the nozzle to the line between the two joints of a pair")
+    if effector.spacing >= MEET * effector.radius:
+        raise BadInput(f"joints {effector.spacing:g} mm apart, {effector.radius:g} mm from the "
+                       "nozzle, are beyond those of the next pair", "--effector",
+                       "Give the radius first, then the distance of the two joints of a pair")
+    return [] if min(effector.radius, effector.spacing) >= SMALL else [Note(
+        f"--effector {effector.radius:g},{effector.spacing:g} is small for a printer: both are mm")]
 
 
 def six_limbs(printer: Printer, rods: str, effector: Effector, radius: str, lean: float) -> str:

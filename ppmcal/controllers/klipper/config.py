@@ -199,7 +199,7 @@ def _pair(line: str, section: str, where: str) -> tuple[str, str]:
 
 
 BY_HAND = "manual_height"
-"""What heights are called that the nozzle itself touched."""
+"""What heights of DELTA_ANALYZE are called, which the nozzle itself touched."""
 
 
 def read_geometry(config: Config) -> DeltaGeometry:
@@ -257,18 +257,19 @@ def geared(config: Config, name: str, steps: float, example: str) -> float:
     return steps
 
 
-def read_touches(config: Config) -> tuple[list[tuple[float, ...]], list[tuple[float, ...]]]:
+def read_touches(config: Config, trigger: float = 0.0
+                 ) -> tuple[list[tuple[float, ...]], list[tuple[float, ...]], int]:
     """Return what DELTA_CALIBRATE saved: heights and distances, and where carriages were.
 
-    Heights of the probe come first, those that the nozzle itself touched (:func:`by_hand`) last.
+    Those heights come last that the nozzle itself touched, and how many these are: those of
+    ``DELTA_ANALYZE``, and those of ``METHOD=manual``, which are 0 where a probe's are its
+    ``trigger`` height, mm (Klipper: ``delta_calibrate.py``, ``probe.py``).
     """
-    return ([row for kind in ("height", BY_HAND) for row in read_rows(config, kind, ("pos",))],
-            read_rows(config, "distance", ("pos1", "pos2")))
-
-
-def by_hand(config: Config) -> int:
-    """Return how many heights the nozzle itself touched."""
-    return len(read_rows(config, BY_HAND, ("pos",)))
+    probed = read_rows(config, "height", ("pos",))
+    own = [row for row in probed if trigger and not row[0]]
+    own += read_rows(config, BY_HAND, ("pos",))
+    return ([*(row for row in probed if not trigger or row[0]), *own],
+            read_rows(config, "distance", ("pos1", "pos2")), len(own))
 
 
 def moved(rows: Sequence[tuple[float, ...]], step: Sequence[float]) -> list[tuple[float, ...]]:

@@ -40,7 +40,6 @@ from ppmcal.controllers.delta.printer import (
 from ppmcal.controllers.klipper.config import (
     LARGEST,
     Config,
-    by_hand,
     moved,
     read_config,
     read_geometry,
@@ -55,8 +54,9 @@ from ppmcal.notes import Note
 from ppmcal.store.inputs import read_bytes
 
 _GEOMETRY = tuple(name.split(".") for name in KEYS)
-PROBES = ("probe", "bltouch", "smart_effector")
-"""Sections that hold a probe's offsets."""
+PROBES = ("probe", "bltouch", "smart_effector", "beacon", "cartographer", "scanner", "idm",
+          "dockable_probe")
+"""Sections that hold a probe's offsets, besides those that begin with probe_."""
 FLAT_ROW = 0.05
 """Touches whose x differ by less, mm, do not tell a direction of travel."""
 SKEW = 5.0
@@ -81,7 +81,8 @@ def read_printer(path: str | os.PathLike[str], rods: float | None = None,
     geometry, result = read_geometry(config), read_geometry(config.as_saved())
     nominal = read_nominal(config, result, rods, radius)
     steps = [read_step(config, f"stepper_{t}") for t in TOWERS]
-    heights, distances = (moved(rows, steps) for rows in read_touches(config))
+    *touches, by_nozzle = read_touches(config, _probe(config, "z_offset"))
+    heights, distances = (moved(rows, steps) for rows in touches)
     beds = tuple(_mesh(config, geometry, name) for name in meshes)
     findings = [Note(f"[include {name}] is not beside the file, and not followed: what stands "
                      "there is not known") for name in config.includes]
@@ -102,7 +103,7 @@ def read_printer(path: str | os.PathLike[str], rods: float | None = None,
     return Printer(str(path), geometry, nominal, saved, tuple(heights),
                    tuple(distances), beds, tuple(findings), result, config.files,
                    probe=(_probe(config, "x_offset"), _probe(config, "y_offset")),
-                   by_hand=by_hand(config))
+                   by_hand=by_nozzle, probed=_section(config) is not None)
 
 
 def _equal(one: str, two: str) -> bool:
@@ -189,10 +190,14 @@ def _off(config: Config, name: str) -> Array:
 
 def _probe(config: Config, key: str) -> float:
     """Return an offset of the probe, mm, 0 without one."""
-    for name in config.sections:
-        if name in PROBES or name.startswith("probe_"):
-            return config.number(name, key, 0.0)
-    return 0.0
+    section = _section(config)
+    return 0.0 if section is None else config.number(section, key, 0.0)
+
+
+def _section(config: Config) -> str | None:
+    """Return the section of the probe, None without one."""
+    return next((name for name in config.sections
+                 if name in PROBES or name.startswith("probe_")), None)
 
 
 def _logged(path: Path) -> tuple[Array, Array, str]:

@@ -190,7 +190,7 @@ def imported(path: Path) -> Imported:
     """
     config = read_config(path)
     delta = read_rotary(config)
-    rows, pairs = read_touches(config)
+    rows, pairs, _ = read_touches(config)
     limbs = "".join(_arm(delta, i, float(end)) for i, end in enumerate(
         np.degrees(endstop_angles(delta))))
     machine = f"""\
