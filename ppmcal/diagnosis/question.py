@@ -170,20 +170,22 @@ def first_readings(system: System) -> Bools:
 
 def places(system: System, zeros: Mapping[str, Array], first: int
            ) -> tuple[list[tuple[Block, Source]], Array]:
-    """Return a block for all rows of a place where readings are all that was measured.
+    """Return a block for all rows of a place where limbs can pull against each other.
 
-    A limb that was slack or caught there was so in all of them, by the same: one column for each
-    joint. ``zeros``: what each joint's does (N, m). ``first``: number of the first column.
+    Or where readings are all that was measured. A limb that was slack or caught there was so in all
+    of them, by the same: one column for each joint. ``zeros``: what each joint's does (N, m).
+    ``first``: number of the first column.
 
     Returns:
         The blocks, and their columns (N m, c).
     """
-    blind = np.array([d.kind.blind for d in system.problem.datasets])[system.dataset]
+    pulled = system.problem.mechanism.surplus > 0
+    held = np.array([d.kind.blind or pulled for d in system.problem.datasets])[system.dataset]
     found: list[tuple[Block, Source]] = []
     columns = [np.zeros((system.observed.size, 0))]
-    group, count = np.unique(system.group[blind], return_counts=True)
+    group, count = np.unique(system.group[held], return_counts=True)
     for place in group[count > 1][:MOST_PLACES]:
-        mine = np.flatnonzero((system.group == place) & blind)
+        mine = np.flatnonzero((system.group == place) & held)
         own = np.zeros((*system.observed.shape, len(zeros)))
         own[mine] = np.stack([unit[mine] for unit in zeros.values()], axis=-1)
         label = f"rows {mine[0]} to {mine[-1]}"
