@@ -50,8 +50,6 @@ class LeftOverPattern:
 
 def left_over_pattern(fit: Fit) -> LeftOverPattern | None:
     """Return what is left over; None where freedom is ample, or nothing exceeds the noise."""
-    if fit.information.count > len(fit.problem.columns) + 4 * FEW:
-        return None
     system = build(fit.problem, fit.state, fit.keep)
     seen = system.observed.reshape(-1)
     basis = range_basis(fit.noise * _flat(system, system.jacobian)[seen], INVISIBLE)

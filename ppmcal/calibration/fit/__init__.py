@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.fit_result import directions as directions
     from ppmcal.calibration.fit.fit_result import posterior as posterior
     from ppmcal.calibration.fit.fit_result import prediction_covariance as prediction_covariance
+    from ppmcal.calibration.fit.fit_result import prediction_root as prediction_root
     from ppmcal.calibration.fit.fit_result import residual_freedom as residual_freedom
     from ppmcal.calibration.fit.fit_result import unfitted as unfitted
     from ppmcal.calibration.fit.fit_result import values_taken as values_taken

@@ -174,6 +174,23 @@ def directions(fit: Fit, prior: Array | None = None) -> tuple[Array, Array, Bool
     return s, vt, seen_directions(s)
 
 
+def prediction_root(fit: Fit, slopes: Array, prior: Array | None = None) -> Array:
+    """Return R (..., r), R R^T the covariance of slopes (..., C) . columns.
+
+    Args:
+        fit: the fit.
+        slopes: of what is predicted, by column.
+        prior: weights in place of the fit's (C,).
+
+    Returns:
+        inf in rows of what moves with a direction that neither data nor prior see.
+    """
+    s, vt, seen = directions(fit, prior)
+    units = slopes * fit.scale
+    lost = np.linalg.norm(units @ vt[~seen].T, axis=-1) > 1e-6 * np.linalg.norm(units, axis=-1)
+    return np.asarray(np.where(lost[..., None], np.inf, (units @ vt[seen].T) / s[seen]))
+
+
 def prediction_covariance(fit: Fit) -> Array:
     """Return a covariance (C, C) that is right for predictions of measured rows.
 

@@ -17,6 +17,7 @@ from ppmcal.calibration.fit import (
     Problem,
     directions,
     posterior,
+    prediction_root,
     unfitted,
 )
 from ppmcal.calibration.knowledge.intervals import coverage
@@ -139,12 +140,9 @@ def _scale(fit: Fit, times: float) -> Scale | None:
     if not found:
         return None
     length, slope = max(found, key=lambda s: s[0])
-    return Scale(
-        length,
-        _prediction_sigma(fit, slope, fit.prior),
-        _prediction_sigma(fit, slope, fit.stated),
-        times,
-    )
+    sigma, by_data = (float(np.linalg.norm(prediction_root(fit, slope, prior)))
+                      for prior in (fit.prior, fit.stated))
+    return Scale(length, sigma, by_data, times)
 
 
 def _farthest(fit: Fit, i: int) -> tuple[float, Array] | None:
@@ -178,15 +176,6 @@ def _farthest(fit: Fit, i: int) -> tuple[float, Array] | None:
     slope[open_.target] = (along @ (turn[two[0]] - turn[two[1]]))[list(open_.target_parts)][
         :open_.target.stop - open_.target.start]
     return length, slope
-
-
-def _prediction_sigma(fit: Fit, slope: Array, prior: Array) -> float:
-    """Return the standard deviation of slope (C,) . columns with a prior (C,), inf where open."""
-    s, vt, seen = directions(fit, prior)
-    row = slope * fit.scale
-    if np.linalg.norm(vt[~seen] @ row) > 1e-6 * np.linalg.norm(row):
-        return float("inf")
-    return float(np.linalg.norm((vt[seen] @ row) / s[seen]))
 
 
 def _collinear(fit: Fit) -> Iterator[CollinearParameters]:

@@ -14,14 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.fit import Fit, directions, typical_noise
+from ppmcal.calibration.fit import Fit, prediction_root, typical_noise
 from ppmcal.linalg import Array, Ints
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.notes import NOTE, Note
 from ppmcal.wording import number
 
-TOPIC = "platform tilt"
-"""Of the sentences."""
 PLACES = 60
 """Of so many touches, spread over the rows, the tool's height is judged."""
 MOST = 12
@@ -47,9 +45,8 @@ class ToolHeight:
         open: whether the tool's height is known much worse than the probe's.
         found: from where to where the probe stands against the tool, more than a level platform
             would hold it, at the machine as it is now.
-        touches: how many of the tool itself are proposed; at: rows where (n,); with_tool: the
-            tool's standard deviation with them; with_other: with as many of a probe on the other
-            side of the tool.
+        at: rows where the tool itself is to touch (n,); with_tool: its standard deviation with
+            these touches; with_other: with as many of a probe on the other side of the tool.
     """
 
     dataset: int
@@ -60,7 +57,6 @@ class ToolHeight:
     left: float
     open: bool
     found: tuple[float, float]
-    touches: int
     at: tuple[int, ...]
     with_tool: float
     with_other: float
@@ -93,21 +89,21 @@ def _judged(fit: Fit, i: int) -> ToolHeight | None:
     rows = rows[np.linspace(0, rows.size - 1, min(PLACES, rows.size)).astype(int)]
     own, tool, other = (_slopes(fit, i, rows, place) for place in (
         target, np.array([0.0, 0.0, target[2]]), target * [-1.0, -1.0, 1.0]))
+    by_own, by_tool, by_other, apart = prediction_root(fit, np.stack(
+        [own, tool, other, own - tool]))
     noise = typical_noise(data) * fit.noise
-    by_probe, by_tool = _rms(fit, own), _rms(fit, tool)
-    open_ = by_tool > OPEN * max(by_probe, noise)
-    geometry = np.arange(own.shape[1]) < len(fit.problem.free)
-    expected = _rms(fit, np.where(geometry, own - tool, 0.0), data=False)
-    left = _rms(fit, own - tool)
-    wanted = max(AS_GOOD * by_probe, 0.5 * noise)
+    probe, known = _rms(by_own), _rms(by_tool)
+    open_ = known > OPEN * max(probe, noise)
     pose = fit.state.poses[i][rows, :8]
     arm = cga.rotation_matrix(pose) @ target
     safe = _within(cga.translation(pose)[:, :2], arm[:, :2])
-    at, with_tool = _touched(fit, tool, tool[safe], noise, wanted) if open_ else ([], by_tool)
-    _, with_other = _touched(fit, tool, other, noise, 0.0, len(at))
+    at, with_tool = _touched(by_tool, by_tool[safe], noise, max(AS_GOOD * probe, 0.5 * noise)
+                             ) if open_ else ([], known)
+    _, with_other = _touched(by_tool, by_other, noise, 0.0, len(at))
     tilted = arm[:, 2] - target[2]
-    return ToolHeight(i, (float(target[0]), float(target[1])), by_probe, by_tool,
-                      expected, left, open_, (float(tilted.min()), float(tilted.max())), len(at),
+    return ToolHeight(i, (float(target[0]), float(target[1])), probe, known,
+                      _by_tolerances(fit, own - tool), _rms(apart), open_,
+                      (float(tilted.min()), float(tilted.max())),
                       tuple(int(rows[safe[n]]) for n in at), with_tool, with_other)
 
 
@@ -135,38 +131,30 @@ def _slopes(fit: Fit, i: int, rows: Ints, target: Array) -> Array:
         i, state, keep=keep)])
 
 
-def _half(fit: Fit, slopes: Array, data: bool = True) -> Array:
-    """Return A (n, r), A A^T the covariance of slopes (n, C) . columns; inf where one is open."""
-    units = slopes * fit.scale
-    if not data:
-        with np.errstate(divide="ignore"):
-            own = np.where(fit.prior > 0.0, 1.0 / (fit.prior * fit.scale), np.inf)
-        return np.where(units == 0.0, 0.0, units) * np.where(np.any(units, axis=0), own, 0.0)
-    s, vt, seen = directions(fit)
-    out = units @ (vt[seen].T / s[seen])
-    lost = np.linalg.norm(units @ vt[~seen].T, axis=1) > 1e-6 * np.linalg.norm(units, axis=1)
-    out[lost] = np.inf
-    return np.asarray(out)
+def _by_tolerances(fit: Fit, slopes: Array) -> float:
+    """Return the standard deviation of slopes (n, C) . parameters by their tolerances, rms."""
+    free = slice(len(fit.problem.free))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return _rms(np.where(slopes[:, free] == 0.0, 0.0, slopes[:, free] / fit.prior[free]))
 
 
-def _rms(fit: Fit, slopes: Array, data: bool = True) -> float:
-    """Return the standard deviation of slopes (n, C) . columns, rms over n."""
-    return float(np.sqrt(np.mean(np.sum(_half(fit, slopes, data)**2, axis=1))))
+def _rms(root: Array) -> float:
+    """Return the standard deviation of n predictions with a root (n, r), rms over n."""
+    return float(np.sqrt(np.mean(np.sum(root**2, axis=1))))
 
 
-def _touched(fit: Fit, wanted: Array, offered: Array, noise: float, enough: float, most: int = MOST
+def _touched(wanted: Array, offered: Array, noise: float, enough: float, most: int = MOST
              ) -> tuple[list[int], float]:
     """Return where to touch next, one after the other, and what is left of the wanted heights.
 
     Args:
-        fit: what is known so far.
-        wanted: slopes (n, C) of the heights that are to be known.
-        offered: of those that can be touched, likewise.
+        wanted: root (n, r) of the covariance of the heights that are to be known.
+        offered: of those that can be touched (m, r), likewise.
         noise: of a touch.
         enough: the standard deviation, rms over n, at which no more is needed.
         most: touches.
     """
-    half = np.concatenate([_half(fit, wanted), _half(fit, offered)])
+    half = np.concatenate([wanted, offered])
     if not np.isfinite(half).all():
         return [], float("inf")
     count, chosen = len(wanted), list[int]()
@@ -190,7 +178,7 @@ def tilt_sentences(fit: Fit, fitted: bool = True) -> Iterator[Note]:
     found = tool_height(fit)
     if found is not None:
         data = fit.problem.datasets[found.dataset]
-        yield Note(_sentence(found, data, fit, fitted), NOTE, TOPIC)
+        yield Note(_sentence(found, data, fit, fitted), NOTE, "platform tilt")
 
 
 def _sentence(found: ToolHeight, data: Dataset, fit: Fit, fitted: bool) -> str:
@@ -217,7 +205,7 @@ def _sentence(found: ToolHeight, data: Dataset, fit: Fit, fitted: bool) -> str:
     allowed = "" if data.frame.fitted else (
         f", of {said(found.expected)} that the tolerances allow")
     return (f"{told}. What is measured leaves {said(found.left)} {unit} of the difference open"
-            f"{allowed}. {found.touches} touches of the tool itself (at x, y "
+            f"{allowed}. {len(found.at)} touches of the tool itself (at x, y "
             f"{_places(found, fit, factor)} {unit}, in a file with {file}) would bring the tool to "
             f"{said(found.with_tool)} {unit}; as many of a probe on the other side of it, to "
             f"{said(found.with_other)} {unit}.")

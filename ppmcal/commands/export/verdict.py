@@ -197,11 +197,10 @@ def _costs(entry: NotExpressedEntry, expected: CommandErrors) -> bool:
     And enough to show: with less than a part of what is to be ``expected`` anyway the sum of both
     is hardly more.
     """
-    if entry.cost is None:
-        return True
-    pairs = [(entry.cost.rms, expected.rms), *([] if entry.cost.rotation is None else [(
-        entry.cost.rotation.rms, expected.rotation.rms if expected.rotation else None)])]
-    known = [(cost or 0.0, anyway or 0.0) for cost, anyway in pairs if is_known(cost)]
+    sizes = [] if entry.cost is None else [(entry.cost, expected),
+                                           (entry.cost.rotation, expected.rotation)]
+    known = [(cost.rms or 0.0, (anyway and anyway.rms) or 0.0) for cost, anyway in sizes
+             if cost is not None and is_known(cost.rms)]
     return not known or any(cost > max(LEAST, HARDLY * anyway) for cost, anyway in known)
 
 

@@ -211,7 +211,7 @@ def _groups(
         lean = float(np.degrees(np.hypot(way[0], way[1])))
         for name, used in groups.items():
             if name == "base.direction" and lean > 1e-9:
-                yield (i, name, f"tower {tower_name(drive, i)} leans by {lean:.4g} deg",
+                yield (i, name, f"tower {_tower_name(drive, i)} leans by {lean:.4g} deg",
                        tuple(used))
             elif name == "ratio" and g[used[0]] != nominal[used[0]] and used[0] not in seen:
                 seen.add(used[0])
@@ -223,7 +223,7 @@ def _groups(
                 yield i, name, offset_words(limb.name, float(g[used[0]])), tuple(used)
 
 
-def tower_name(drive: DeltaDrive, limb: int) -> str:
+def _tower_name(drive: DeltaDrive, limb: int) -> str:
     """Return what the machine calls the tower of a limb."""
     own = drive.mechanism.limbs[limb]
     return drive.mechanism.actuators[own.actuator] if drive.tilts else own.name
@@ -286,7 +286,7 @@ def _notes(drive: DeltaDrive, removed: PlanarMotion, firmware: DeltaFirmware[Any
     """Yield what a user should know of how the machine became the firmware's."""
     mechanism = drive.mechanism
     limbs = [mechanism.limbs[i] for i in drive.towers]
-    names = [tower_name(drive, i) for i in drive.towers]
+    names = [_tower_name(drive, i) for i in drive.towers]
     pairs = list(zip(names, firmware.towers, strict=True))
     if not all(tower.endswith(name) for name, tower in pairs):
         yield Note("towers: " + ", ".join(f"{name} is {tower}" for name, tower in pairs), NOTE)

@@ -190,8 +190,7 @@ def _towers(mechanism: Mechanism) -> tuple[int, int, int]:
         if {first, second, third} == set(ends):
             return ends.index(first), ends.index(second), ends.index(third)
     actuators = [limb.actuator for limb in mechanism.limbs]
-    one, two, three = dict.fromkeys(actuators)
-    return actuators.index(one), actuators.index(two), actuators.index(three)
+    return actuators.index(0), actuators.index(1), actuators.index(2)
 
 
 def endstop(mechanism: Mechanism, actuator: int, ratio: float, place: str, hint: str) -> float:

@@ -395,9 +395,9 @@ def _datasets(texts: Mapping[str, str], mechanism: Mechanism) -> Iterator[Datase
             continue
         stem = name.removesuffix(".csv")
         header, *rows = csv.reader(text.splitlines())
-        count = len(header) - (header[-1] == "session")
-        numbers = np.array([row[:count] for row in rows], dtype=float)
-        yield touches(mechanism, stem, header[:count], numbers,
+        own = [n for n, column in enumerate(header) if column not in LABELS]
+        numbers = np.array([[row[n] for n in own] for row in rows], dtype=float)
+        yield touches(mechanism, stem, [header[n] for n in own], numbers,
                       yaml.safe_load(texts[f"{stem}.yaml"]))
 
 

@@ -29,6 +29,8 @@ from ppmcal.controllers.text import DECIMAL, commented, read_text
 from ppmcal.errors import BadInput
 from ppmcal.io.column_names import MISSPELT
 
+BY_HAND = "manual_height"
+"""What heights of DELTA_ANALYZE are called, which the nozzle itself touched."""
 LARGEST = 1e9
 """mm, degrees, microsteps: no number of a printer is as large."""
 OPTIONS = frozenset((
@@ -196,10 +198,6 @@ def _pair(line: str, section: str, where: str) -> tuple[str, str]:
                            f"{where}: [{section}]", "Correct the line, or remove it")
         return "", ""
     return parts[0].strip().lower(), parts[1].strip()
-
-
-BY_HAND = "manual_height"
-"""What heights of DELTA_ANALYZE are called, which the nozzle itself touched."""
 
 
 def read_geometry(config: Config) -> DeltaGeometry:

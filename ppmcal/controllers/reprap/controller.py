@@ -239,13 +239,14 @@ def read_printer(path: Path, rods: float | None = None, meshes: Sequence[str] = 
     if any(active.tilt):
         findings.append(Note(f"A{active.tilt[0]:g} B{active.tilt[1]:g} of M666 tilt the bed: the "
                              "touches are taken with it, the machine has it in its endstops"))
-    beds = tuple(read_mesh(path, partial(travel, active), Path(name)) for name in meshes)
+    probe = probe_offset(path)
+    beds = tuple(read_mesh(probe, partial(travel, active), Path(name)) for name in meshes)
     if not beds:
         findings.append(Note("the file holds no touches: give the map that G29 wrote with --mesh "
                              "heightmap.csv"))
     findings += [f for bed in beds for f in bed.findings]
     return Printer(str(path), now, nominal, active != delta, meshes=beds, findings=tuple(findings),
-                   probe=probe_offset(path)[:2])
+                   probe=probe[:2])
 
 
 def _active(path: Path, lines: Lines, delta: Delta) -> tuple[Delta, list[Note]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -23,18 +23,17 @@ _PROBE = re.compile(r"^[^\S\n]*G31\b([^;\n]*)", re.ASCII | re.IGNORECASE | re.MU
 _LETTER = re.compile(r"([XYZ])\s*([-+]?(?:\d+(?:\.\d*)?|\.\d+))", re.ASCII | re.IGNORECASE)
 
 
-def read_mesh(config: Path, travel: Callable[[Array], Array], path: Path) -> Mesh:
+def read_mesh(offset: Sequence[float], travel: Callable[[Array], Array], path: Path) -> Mesh:
     """Return a height map's touches as carriages, mm below the endstops.
 
     Args:
-        config: has the probe's offset.
+        offset: of the probe, as :func:`probe_offset` has it.
         travel: how far below its endstop each carriage goes for points (N, 3), (N, 3), m.
         path: of the map.
 
     Raises:
         BadInput: it is no such map.
     """
-    offset = probe_offset(config)
     grid, touched = read_map(path)
     point, way = in_rows(grid, touched)
     point = point - np.array([offset[0], offset[1], -offset[2]])
