@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .machines import Array, Machine, balance, ropes, tensions
+from .machines import Array, Machine, balance, ropes, tensions, ways
 
 NOISE = 0.2
 """Of a reading of a rope, mm; of an instrument's position too, and a tenth of a mrad."""
@@ -54,7 +54,8 @@ def _shift(r: Rows) -> Array:
 
 
 def _wave(r: Rows) -> Array:
-    return _one(np.sin(2.0 * np.pi * r.length / 150.0 + 1.0), int(r.rng.integers(4)))
+    return _one(np.sin(2.0 * np.pi * r.length / 150.0 + 1.0),
+                int(r.rng.integers(min(4, r.length.shape[1]))))
 
 
 def _caught(r: Rows) -> Array:
@@ -72,7 +73,8 @@ def _rough(r: Rows) -> Array:
 
 def _wanders(r: Rows) -> Array:
     steps = r.rng.normal(size=len(r.length)).cumsum() / np.sqrt(len(r.length))
-    return _one(np.repeat(steps[:, None], r.length.shape[1], axis=1), int(r.rng.integers(4)))
+    return _one(np.repeat(steps[:, None], r.length.shape[1], axis=1),
+                int(r.rng.integers(min(4, r.length.shape[1]))))
 
 
 def _homed(r: Rows) -> Array:
@@ -113,6 +115,9 @@ ROUGH = frozenset({"rough"})
 """Causes beside which friction adds to each place what no model has, as on a real router: there
 `eta` counts in the rms of that, and it is so many times the noise."""
 TIMES = 3.0
+OF_ROPES = frozenset({"stretch", "give", "constant", "rough", "pulled", "none-in-force",
+                      "elastic"})
+"""Causes that only what pulls can have."""
 IN_FORCE = frozenset({"none-in-force", "elastic"})
 """Causes of campaigns whose ropes have force sensors."""
 SESSIONS = 3
@@ -122,7 +127,7 @@ PULL = (20.0, 100.0)
 
 @dataclass(frozen=True)
 class Session:
-    """Readings (N, m), mm, directions (N, m), measured poses (N, 6) or None, and the true points.
+    """Readings (N, m) as :func:`ways`, directions (N, m), measured poses (N, 6), and true points.
 
     ``eta``: rms of the hidden cause over the noise, past what geometry could take up. ``session``
     (N,) its number, ``force`` (N, m) in N: None without several sessions, or force sensors.
@@ -144,14 +149,18 @@ def session(machine: Machine, cause: str, eta: float, rng: np.random.Generator, 
     """Return a campaign with a cause of size eta hidden in it."""
     spread = rng.normal(size=(2, *machine.anchors.shape)) * machine.tolerance
     spread[..., 2] *= not machine.flat
-    if machine.motion == "planar-point":
+    if machine.pointed:
         spread[1] = 0.0
     anchors, hooks = machine.anchors + spread[0], machine.hooks + spread[1]
     offset = rng.normal(size=len(anchors)) * machine.offset
+    bars = np.broadcast_to(machine.bars, (len(anchors), len(machine.bars)))
+    if machine.bars:
+        bars = bars + rng.normal(size=bars.shape) * machine.tolerance
     at = np.array(machine.centre) + np.array(machine.half) * rng.uniform(-1, 1, (places, 6))
     place = np.repeat(np.arange(places), repeats)
     poses = at[place]
-    length, units, arms = ropes(anchors, hooks, poses)
+    _, units, arms = ropes(anchors, hooks, poses)
+    length = ways(machine, anchors, hooks, bars, poses)
     before = np.concatenate([length[:1] - 1.0, length[:-1]])
     for n in np.flatnonzero(np.concatenate([[False], place[1:] == place[:-1]])):
         before[n] = length[n] - (rng.choice([-1.0, 1.0], length.shape[1]))  # come to anew
@@ -166,7 +175,7 @@ def session(machine: Machine, cause: str, eta: float, rng: np.random.Generator, 
     if cause in ROUGH:
         rough = TIMES * NOISE * _rough(rows) / np.sqrt(3.0)    # of variance 3 each
         noise *= TIMES
-    size = eta * noise / _seen(machine, extra, anchors, hooks, poses) if made else 0.0
+    size = eta * noise / _seen(machine, extra, anchors, hooks, bars, poses) if made else 0.0
     readings = length - offset - size * extra - rough + NOISE * rng.normal(size=length.shape)
     seen = None
     if machine.instrument == "pose":
@@ -175,23 +184,29 @@ def session(machine: Machine, cause: str, eta: float, rng: np.random.Generator, 
                    day if cause in BY_DAY else None, rows.force if cause in IN_FORCE else None)
 
 
-def _seen(machine: Machine, extra: Array, anchors: Array, hooks: Array, poses: Array) -> float:
-    """Return the rms of a change of lengths past what poses and geometry take up, per number."""
-    _, units, arms = ropes(anchors, hooks, poses)
+def _seen(machine: Machine, extra: Array, anchors: Array, hooks: Array, bars: Array, poses: Array
+          ) -> float:
+    """Return the rms of a change of ways past what poses and geometry take up, per number."""
     n, m = extra.shape
-    every = balance(machine, units, arms)
+    rest = np.broadcast_to(np.eye(m), (n, m, m))
     if machine.instrument == "none":
-        rest = np.stack([np.linalg.svd(b)[2][b.shape[0]:] for b in every])  # (N, s, m)
-    else:
-        rest = np.broadcast_to(np.eye(m), (n, m, m))
-    flat = 2 if machine.flat else 3
-    by_anchor = np.zeros((n, m, m * flat))
-    by_hook = np.zeros((n, m, m * flat))
-    for i in range(m):
-        by_anchor[:, i, flat * i:flat * (i + 1)] = units[:, i, :flat]
-        if machine.motion != "planar-point":
-            by_hook[:, i, flat * i:flat * (i + 1)] = units[:, i, :flat]
-    columns = [by_anchor, by_hook]
+        _, units, arms = ropes(anchors, hooks, poses)
+        rest = np.stack([np.linalg.svd(b)[2][b.shape[0]:] for b in balance(machine, units, arms)])
+    size = 2 if machine.flat else 3
+    own = [anchors[:, :size], *([] if machine.pointed else [hooks[:, :size]]), bars]
+    flat = np.concatenate([part.ravel() for part in own])
+
+    def at(values: Array) -> Array:
+        parts = np.split(values, np.cumsum([part.size for part in own])[:-1])
+        a, b = anchors.copy(), hooks.copy()
+        a[:, :size] = parts[0].reshape(m, size)
+        if not machine.pointed:
+            b[:, :size] = parts[1].reshape(m, size)
+        return ways(machine, a, b, parts[-1].reshape(bars.shape), poses)
+
+    step = 1e-3
+    columns = [np.stack([(at(flat + step * e) - at(flat - step * e)) / (2.0 * step)
+                         for e in np.eye(flat.size)], axis=-1)]         # (n, m, c)
     if machine.offset:
         columns.append(np.broadcast_to(np.eye(m), (n, m, m)))
     geometry = rest @ np.concatenate(columns, axis=2)

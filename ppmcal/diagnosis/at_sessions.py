@@ -1,7 +1,6 @@
 """Events between two sessions: joints homed anew, belts tensioned anew, a base set up anew.
 
-When that was is known, and it is no rare event. With as many equations as freedoms what moved is a
-registration that files keep closed, and told as such; limbs beyond these see it themselves.
+When that was is known, and it is no rare event.
 """
 
 from __future__ import annotations
@@ -25,11 +24,8 @@ ZEROS = ("offset",)
 def session_starts(problem: Problem) -> dict[str, float]:
     """Return the number of each session's first row, the sessions in order.
 
-    None where there are fewer than two, where they overlap, or of a machine that has no limbs
-    beyond its freedoms.
+    None where there are fewer than two, or where they overlap.
     """
-    if not problem.mechanism.surplus:
-        return {}
     rows = {label: np.concatenate([d.numbers()[m] for d, m in zip(
         problem.datasets, masks, strict=True)]) for label, masks in session_masks(problem.datasets)}
     order = sorted((label for label in rows if rows[label].size), key=lambda s: rows[s].min())

@@ -7,7 +7,7 @@ white with respect to the stated noise; :class:`Whitening` adds the correlation 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -41,7 +41,9 @@ sigmas cannot have made a noticeable error, nor may it imitate an effect."""
 class SystemPart:
     """Rows ``at`` (slice of the system) of one data set: how they respond to shifts.
 
-    ``companions``: other targets at the same stands, given which the rows are white.
+    ``companions``: other targets at the same stands, given which the rows are white. ``stood``:
+    one label per pose (n,) where readings of joints are measurements too, whatever measures the
+    pose: an effect that followed them would follow their noise, which is in the residual.
 
     Distances between two platform positions have two parts, one per end.
     """
@@ -51,11 +53,12 @@ class SystemPart:
     response: Response
     whitener: Array
     companions: tuple[Companion, ...] = ()
+    stood: Ints | None = None
 
     @cached_property
     def setting(self) -> Setting:
         """What effects may know of these rows."""
-        return self.response.setting()
+        return self.response.setting(self.stood)
 
     @cached_property
     def of_joints(self) -> list[Shift]:
@@ -162,6 +165,8 @@ def build(problem: Problem, state: State, keep: Sequence[Bools]) -> System:
                   for end in (c.response, c.second) if end]
         begin += n
     group = _groups(problem, dataset, row)
+    if problem.mechanism.surplus:
+        parts = [replace(part, stood=group[part.at]) for part in parts]
     return System(problem, state, tuple(parts), residual, jacobian * column_scale(problem),
                   observed, dataset, row, group)
 

@@ -313,12 +313,13 @@ def _inputs(h: Hypothesis) -> frozenset[str]:
 def _group(h: Hypothesis, family: str) -> str:
     """Return what a hypothesis is one of several of.
 
-    Events of a kind, frozen slots of a sort, joints that have the same each by itself.
+    Events of a kind, frozen slots of a sort, joints that have the same each by itself; what is set
+    up anew with one session often is with each.
     """
     if h.slot:
         return f"{h.kind} {h.sort}"
-    if h.begins and not h.shared:
-        return ""
+    if h.begins and (not h.shared or not h.on):
+        return "" if h.beside else f"{family} {BEGINS}"
     if h.effect is not None and h.effect.onset:
         return f"{family} on {' '.join(h.on)} {h.shared}"
     by = " by session" if h.sessions else ""

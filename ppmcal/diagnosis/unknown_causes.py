@@ -46,6 +46,7 @@ FUNCTIONS = (over_volume, of_others, functions_of_each, fine_functions, over_tra
 """What is made of what rows record."""
 UNKNOWN_FAMILY = "unknown"
 """The family of what no kind of the library does."""
+TOO_FINE = "a function of travel too fine to be seen"
 PULLS = "what limbs pull against each other, another at each pose"
 MOST_PLACES = 400
 """Poses that may have a column each: so many take a third of the time of the rest."""
@@ -170,8 +171,12 @@ class UnknownCauses:
         taken twice does not tell it from noise.
         """
         for name, own in self._at_poses.items():
-            yield Made(f"a function of travel too fine to be seen acting on {name}", own,
-                       subject=name, remedy=ALONE.format(name, "it"))
+            yield Made(f"{TOO_FINE} acting on {name}", own, subject=name,
+                       remedy=ALONE.format(name, "it"))
+        if self._all_at_poses is not None and not self.system.problem.mechanism.surplus:
+            name = " ".join(self._at_poses)
+            yield Made(f"{TOO_FINE} acting on {name}", self._all_at_poses, together=True,
+                       remedy=ALONE.format("each joint", "it"))
         rows = self.system.group.size
         if 1 < rows <= MOST_SCATTERED and self.system.count >= 2 * rows:
             for name, own in self._at_each(np.arange(rows)).items():
@@ -183,10 +188,17 @@ class UnknownCauses:
 
         As usual as any kind: in most runs of a router on four belts it is there.
         """
-        mechanism, each = self.system.problem.mechanism, [*self._at_poses.values()]
-        few = each and 2 * each[0].shape[1] <= MOST_PLACES      # of all joints at once half as many
-        if few and mechanism.surplus and len(set(mechanism.actuator_quantity)) == 1:
-            yield Made(PULLS, np.concatenate(each, axis=1), together=True)
+        if self._all_at_poses is not None and self.system.problem.mechanism.surplus:
+            yield Made(PULLS, self._all_at_poses, together=True)
+
+    @cached_property
+    def _all_at_poses(self) -> Array | None:
+        """What all joints do at each pose, each by itself; of them at once half as many poses."""
+        each = [*self._at_poses.values()]
+        alike = len(set(self.system.problem.mechanism.actuator_quantity)) == 1
+        if len(each) < 2 or not alike or 2 * each[0].shape[1] > MOST_PLACES:
+            return None
+        return np.concatenate(each, axis=1)
 
     @cached_property
     def _at_poses(self) -> dict[str, Array]:

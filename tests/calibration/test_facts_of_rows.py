@@ -91,6 +91,20 @@ def test_half_the_width_beyond_is_the_end(coordinate: str, still: float) -> None
         assert f"far outside the measured volume: {coordinate} = " in found[3]
 
 
+def test_what_was_touched_in_one_plane_is_known_as_far_above_it_as_beside_it() -> None:
+    """A printer's bed of 200 by 150 mm: 100 mm above are told, more is refused; turns by turns."""
+    ranges = {"x": (-0.1, 0.1), "y": (-0.075, 0.075), "z": (1.48e-3, 1.53e-3), "rx": (0.0, 0.4),
+              "ry": (0.0, 0.0)}
+    printer = machine()
+    printer.reach = 0.2
+    full = np.zeros((6, 6))
+    full[:4, 2] = 0.2e-3, 0.05, 0.1016, 0.103
+    full[4:, 4] = 0.19, 0.21
+    assert list(dict(far_outside(printer, full, ranges))) == [3, 5]
+    told = [*extrapolated(printer, full, np.ones(6, dtype=bool), ranges, {})]
+    assert told[0].startswith("6 rows outside of what was measured: z up to 101.5 mm beyond")
+
+
 def test_turns_about_half_a_turn_are_held_against_those_beside_home() -> None:
     """A platform that hangs upside down: its rotation vectors flip from one end to the other."""
     hung = machine()

@@ -220,3 +220,16 @@ def test_the_export_says_that_the_effector_tilts(tmp_path: Path) -> None:
         tmp_path / "out")
     lacks = json.loads((tmp_path / "out" / "export.json").read_text())["not_expressed"]
     assert any("the effector tilts" in str(one) for one in lacks)
+
+
+def test_a_printer_that_was_touched_on_its_bed_alone_is_commanded_above_it(tmp_path: Path) -> None:
+    """A flat that was touched has hardly any range in z, which is no reason to know none there."""
+    folder = imported(tmp_path, SixRodPrinter(1))
+    ppmcal.identify(folder / "machine.yaml", folder / "heights.csv").save(tmp_path / "found")
+    table = tmp_path / "wanted.csv"
+    table.write_text("x,y,z,rx,ry,rz\n" + "".join(
+        f"{x!r},{y!r},{z!r},,,\n" for z in (0.2, 60.0, 180.0) for x, y in FRESH[:4].tolist()))
+    found = ppmcal.compensate(tmp_path / "found" / "identified.yaml", table, frame="base")
+    assert found.compensation.status == ("ok",) * 8 + ("refused",) * 4
+    assert all("far outside the measured volume: z = 180 mm" in why
+               for why in found.compensation.reason[8:])

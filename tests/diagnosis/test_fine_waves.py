@@ -73,5 +73,6 @@ def test_what_is_visited_twice_or_seen_in_several_numbers_tells_a_joint_from_noi
     system = build(fit.problem, fit.state, [keep])
     found = [c.label for c in UnknownCauses(system, [p.setting for p in system.firsts]).causes
              if c.label.startswith((FINE, SCATTER))]
-    assert found == [what + leg for what in ((SCATTER,), (FINE, SCATTER))[visits - 1]
-                     for leg in ("leg1", "leg2", "leg3")]
+    legs = ("leg1", "leg2", "leg3")
+    fine = [FINE + leg for leg in (*legs, " ".join(legs))] if visits == 2 else []
+    assert found == [*fine, *(SCATTER + leg for leg in legs)]

@@ -105,6 +105,32 @@ def test_a_first_reading_is_more_often_off_and_a_place_is_off_as_a_whole(asked):
         columns[own[0]], columns[list(own)].shape), abs=2e-2 * np.abs(columns).max())
 
 
+def test_what_an_effect_does_at_a_place_holds_no_error_of_a_reading(tmp_path):
+    """Such an error is in the residual: a wave as short as it would seem to explain it.
+
+    Whatever measures the pose, where joints are read and limbs are more than freedoms.
+    """
+    rng = np.random.default_rng(5)
+    tree = redundant.belts()
+    anchors = np.array([limb["base"]["point"] for limb in tree["limbs"]], dtype=float)
+    at = np.array([1500.0, 1050.0]) + np.array([900.0, 550.0]) * rng.uniform(-1, 1, (PLACES, 2))
+    at = np.repeat(at, READ, axis=0)
+    q = np.linalg.norm(at[:, None] - anchors, axis=2) + NOISE * rng.normal(size=(len(at), 4))
+    seen = at + NOISE * rng.normal(size=at.shape)
+    file = redundant.written(tmp_path, tree)
+    data, = ppmcal.read_data(file, {
+        "pose": np.repeat(np.arange(PLACES) + 1, READ), "x": seen[:, 0], "y": seen[:, 1],
+        **{f"q_{n}": q[:, i] for i, n in enumerate(("bl", "br", "tr", "tl"))}}, sidecar={
+            "units": {"length": "mm", "angle": "deg"}, "instrument": {
+                "kind": "pose", "sigma": {"actuator": NOISE, "position": NOISE}}})
+    machine = ppmcal.load(file)
+    fit = identify(Problem(machine, (data,), machine.free), FitOptions())
+    system = build(fit.problem, fit.state, [np.ones_like(k) for k in fit.keep])
+    travel = system.parts[0].setting.travel
+    assert np.unique(np.round(travel, 9), axis=0).shape == (PLACES, 4)
+    assert 1e3 * np.std(travel - data.q, axis=0) == pytest.approx(4 * [NOISE], rel=0.3)
+
+
 @pytest.mark.slow
 def test_the_search_finds_what_belts_pull_at_each_place(asked):
     """From nothing, among steps from place to place that can stand for it."""

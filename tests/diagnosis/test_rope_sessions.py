@@ -1,4 +1,4 @@
-"""Machines on ropes over several sessions, and with force sensors: what is hidden is named."""
+"""Machines over several sessions, and ropes with force sensors: what is hidden is named."""
 
 from __future__ import annotations
 
@@ -9,18 +9,21 @@ from functools import partial
 import numpy as np
 import pytest
 from helpers.commands import ppmcal as run
-from ropes.machines import MACHINES
+from ropes.machines import MACHINES, SQUARE
 from ropes.world import CAUSES, session
 from ropes_study import write
 
 import ppmcal
 from ppmcal.calibration.fit import FitOptions, Problem, identify
+from ppmcal.commands.diagnose.run import as_filed
 from ppmcal.diagnosis.at_sessions import session_starts, with_sessions
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.question import blocks
 from ppmcal.errors import BadInput
+from ppmcal.inference.columns import MatrixColumns
 from ppmcal.inference.priors import ALL_ALIKE, MOVED
+from ppmcal.inference.question import Question
 from ppmcal.io.campaign import read_campaign
 from ppmcal.io.mechanism_reader import read_mechanism
 
@@ -28,8 +31,9 @@ from ppmcal.io.mechanism_reader import read_mechanism
 def files(folder, machine, cause, eta, seed):
     """Return the machine and data of one campaign, and what was hidden."""
     rng = np.random.default_rng([seed, *machine.encode(), *cause.encode()])
-    done = session(MACHINES[machine], cause, eta, rng, 40, 3)
-    return *write(MACHINES[machine], done, folder, CAUSES[cause][0] is not None), done
+    at = (MACHINES | SQUARE)[machine]
+    done = session(at, cause, eta, rng, 40, 3)
+    return *write(at, done, folder, CAUSES[cause][0] is not None), done
 
 
 def told(folder, machine, cause, eta, seed):
@@ -54,7 +58,9 @@ def days(tmp_path_factory):
 
 @pytest.mark.parametrize(("machine", "cause", "eta", "seed"), [
     ("belts", "homed", 0.5, 901), ("cables", "homed", 0.5, 904), ("belts", "pulled", 1.0, 900),
-    ("cables", "pulled", 0.5, 905), ("cables", "elastic", 1.0, 901)])
+    ("cables", "pulled", 0.5, 905), ("cables", "elastic", 1.0, 901),
+    ("cage-square", "homed", 1.0, 902), ("cables-square", "homed", 2.0, 903),
+    ("five-bar", "homed", 1.0, 901), ("seven-legs", "homed", 0.5, 901)])
 @pytest.mark.long
 def test_what_is_hidden_is_named(machine, cause, eta, seed, tmp_path):
     found = told(tmp_path, machine, cause, eta, seed)
@@ -90,6 +96,28 @@ def test_sessions_start_where_their_first_rows_are(days):
     session_of = days.problem.datasets[0].sessions
     first = {s: 1 + session_of.index(s) for s in ("1", "2", "3")}
     assert session_starts(days.problem) == first
+
+
+@pytest.mark.slow
+def test_what_is_homed_anew_with_one_session_is_likelier_so_with_the_next(days):
+    """Rather than another thing: whoever homes joints each morning does so each morning."""
+    system = build(days.problem, days.state, days.keep)
+    every = [(b, h) for b, h in blocks(library(system, ["zero_shift"])) if h.begins]
+    asked = Question(MatrixColumns(np.zeros((1, 0))), np.zeros(1), np.zeros((1, 0)),
+                     tuple(b for b, _ in every), np.ones((1, 1), dtype=bool),
+                     np.zeros(0, dtype=np.int64))
+    own = {h.begins: n for n, (_, h) in enumerate(every) if not h.shared and not h.beside}
+    one, both = asked.log_prior([own["2"]]), asked.log_prior([own["2"], own["3"]])
+    assert np.exp(both - one) == pytest.approx(0.5)    # FURTHER, either of two
+
+
+@pytest.mark.slow
+def test_sessions_that_a_fit_has_apart_are_of_their_file(days):
+    """Where the instrument was moved between them each has a frame of its own."""
+    data, = days.problem.datasets
+    first, other = (np.array([s == label for s in data.sessions]) for label in "12")
+    apart = [data.take(first), replace(data.take(other), name=f"{data.name} 2")]
+    assert as_filed(apart, [data]) == [data, data]
 
 
 @pytest.mark.slow

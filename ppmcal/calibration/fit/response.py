@@ -16,7 +16,7 @@ from ppmcal.kinematics.effect_response import effect_terms, setting
 from ppmcal.kinematics.equilibrium import platform_pose
 from ppmcal.kinematics.least_squares_closure import closed_by, held_by, surplus
 from ppmcal.kinematics.registration import displacement_twists
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, Ints
 from ppmcal.model.dataset import Environment
 from ppmcal.model.effects import Setting, Shift
 
@@ -210,10 +210,11 @@ class Response:
         """Where the platform is (n, 8), effects that move it included."""
         return platform_pose(self.pose, self.closure.model.shift)
 
-    def setting(self) -> Setting:
-        """Return what effects may know of these rows."""
+    def setting(self, stood: Ints | None = None) -> Setting:
+        """Return what effects may know of these rows; ``stood``: as of an :class:`Environment`."""
+        rows = self.rows if stood is None else replace(self.rows, stood=stood)
         model = self.closure.model
-        return setting(replace(model, shift=None), self.rows, self.closure.q, self.pose, model)
+        return setting(replace(model, shift=None), rows, self.closure.q, self.pose, model)
 
     def effect_columns(self, out: Array, free: Sequence[int]) -> None:
         """Fill the columns of free effect parameters (n, m, C), in place.

@@ -22,7 +22,8 @@ from ppmcal.notes import NOTE, Note
 from ppmcal.wording import pluralize
 
 FAR_OUTSIDE = 0.5
-"""Refused: farther outside the measured range than this part of its width."""
+"""Refused: farther outside the measured range than this part of how wide what was measured is in
+any direction, or about any axis: a bed that was touched is known as far above as to its sides."""
 OUTSIDE = 0.1
 """Told: farther outside than this part of it."""
 STILL = 1e-3
@@ -40,16 +41,19 @@ def from_home(mechanism: Mechanism, full: Array) -> Array:
     return np.concatenate([full[:, :3], vector_like(full[:, 3:], mechanism.home_pose[3:])], axis=1)
 
 
-def _beyond(mechanism: Mechanism, ranges: Ranges, name: str, values: Array, part: float
+def _beyond(mechanism: Mechanism, ranges: Ranges, name: str, values: Array, more: float
             ) -> tuple[Array, Bools]:
-    """Return by how much values (N,) are outside what was measured, and where by more than a part.
-
-    ``part``: of the range's width.
-    """
+    """Return by how much values (N,) are outside what was measured, and where by ``more``, SI."""
     low, high = ranges[name]
     beyond = np.fmax(low - values, values - high)
     with np.errstate(invalid="ignore"):
-        return beyond, beyond > part * (high - low) + _still(mechanism, name, low, high)
+        return beyond, beyond > more + _still(mechanism, name, low, high)
+
+
+def _widest(mechanism: Mechanism, ranges: Ranges, name: str) -> float:
+    """Return how wide what was measured is at most, in a length or in an angle as ``name``, SI."""
+    return max(high - low for own, (low, high) in ranges.items()
+               if own in mechanism.coordinates and own.startswith("r") == name.startswith("r"))
 
 
 def far_outside(mechanism: Mechanism, full: Array, ranges: Ranges) -> Iterator[tuple[int, str]]:
@@ -60,7 +64,8 @@ def far_outside(mechanism: Mechanism, full: Array, ranges: Ranges) -> Iterator[t
             continue
         factor, unit = _shown(mechanism, name)
         low, high = ranges[name]
-        far = _beyond(mechanism, ranges, name, full[:, c], FAR_OUTSIDE)[1]
+        far = _beyond(mechanism, ranges, name, full[:, c],
+                      FAR_OUTSIDE * _widest(mechanism, ranges, name))[1]
         for n in np.flatnonzero(far).tolist():
             yield n, (f"far outside the measured volume: {name} = {full[n, c] / factor:.6g} "
                       f"{unit}, measured {low / factor:.6g} to {high / factor:.6g}")
@@ -85,7 +90,8 @@ def extrapolated(mechanism: Mechanism, full: Array, good: Bools, ranges: Ranges,
         if name not in ranges or not good.any():
             continue
         low, high = ranges[name]
-        beyond, far = _beyond(mechanism, ranges, name, np.where(good, values, np.nan), OUTSIDE)
+        beyond, far = _beyond(mechanism, ranges, name, np.where(good, values, np.nan),
+                              OUTSIDE * (high - low))
         if far.any():
             factor, unit = _shown(mechanism, name)
             zero = CONDITIONS[name][2] if name in CONDITIONS else 0.0

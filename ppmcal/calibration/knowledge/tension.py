@@ -57,15 +57,15 @@ def pulled_apart(fit: Fit, stated: Sequence[Dataset]) -> list[Note]:
 
     Args:
         fit: with the noise as it was estimated.
-        stated: its data sets with the noise as their files state it.
+        stated: the file of each of its data sets, with the noise as that states it.
     """
     if not any(d.estimated for d in stated):
         return []    # the check of the noise tells it
     kinds = list(dict.fromkeys(d.kind for d, k in zip(stated, fit.keep, strict=True) if k.any()))
     if len(kinds) < 2:
         return []
-    names = [" and ".join(d.name for d, k in zip(stated, fit.keep, strict=True)
-                          if d.kind == kind and k.any()) for kind in kinds]
+    names = [" and ".join(dict.fromkeys(d.name for d, k in zip(stated, fit.keep, strict=True)
+                                        if d.kind == kind and k.any())) for kind in kinds]
     factor = [typical_noise(now) / typical_noise(was) for now, was in
               zip(fit.problem.datasets, stated, strict=True)]
     apart = Clusters.nothing(fit, names)

@@ -322,7 +322,9 @@ def _frame(mechanism: Mechanism, frame: str | None) -> tuple[Registration, str]:
             not names and mechanism.measured is not None))):
         return Registration(), ""
     if frame is None:
-        if len(names) == 1:
+        stands = {(r.frame.tobytes(), r.target.tobytes(), r.target_rotation.tobytes())
+                  for r in mechanism.registrations.values()}
+        if len(stands) == 1:    # of several files alike any tells the same
             return true_lengths(mechanism.registrations[names[0]]), names[0]
         what = (f"the model knows {len(names)} data sets, each with its frame and target" if names
                 else "the model knows no measuring frame: it was not identified")

@@ -66,6 +66,7 @@ from ppmcal.io.results.diagnosis_wording import (
 )
 from ppmcal.io.results.left_out_wording import another_day, gap_closed, learned_gap, predicted
 from ppmcal.io.results.parts import campaign_sentences, misreading_entries
+from ppmcal.model.dataset import Dataset
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.sessions import one_session, session_masks
@@ -270,16 +271,24 @@ def run(asked: DiagnoseArguments) -> DiagnosisResult:
         note(line)
     start_stage("judging the campaign")
     fit = found.identification.fit
+    filed = as_filed(fit.problem.datasets, datasets)
     campaign = secondary(MISSING, lambda: weak_campaign(fit, seed), None, extra)
     beside = [*secondary(PATTERN, partial(left_over, found.before, seed), [], extra),
               *secondary(TOLERATED, lambda: list(noise_beyond_tolerances(
-                  fit, [d.estimated for d in datasets])), [], extra),
-              *secondary(APART, lambda: pulled_apart(fit, datasets), [], extra)]
+                  fit, [d.estimated for d in filed])), [], extra),
+              *secondary(APART, lambda: pulled_apart(fit, filed), [], extra)]
     found = replace(found, findings=(*units, *beside, *found.findings, *extra),
                     identification=replace(found.identification, campaign=campaign))
     found = replace(found, proposal=with_poses(found.proposal, campaign))
     source = source_of("diagnose", [*machine.inputs, *data_files(datasets)], seed)
     return DiagnosisResult(source, tuple(found.findings), found, asked.png)
+
+
+def as_filed(fitted: Sequence[Dataset], files: Sequence[Dataset]) -> list[Dataset]:
+    """Return the file that each data set of a fit is of, or is a session of."""
+    own = {data.name: data for data in files}
+    return [own[data.name if data.whole is None or data.name in own else data.whole.name]
+            for data in fitted]
 
 
 def when_refused(error: PpmcalError, asked: DiagnoseArguments, folder: Path | None
