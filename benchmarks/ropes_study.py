@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 from ropes.machines import BELTS, MACHINES, NAMES, SQUARE, Machine
-from ropes.world import CAUSES, NOISE, OF_ROPES, TURN_NOISE, Session, session
+from ropes.world import BY_PULL, CAUSES, IN_FORCE, NOISE, TURN_NOISE, UNKNOWN, Session, session
 from study_summary import interval
 
 import ppmcal
@@ -79,7 +79,7 @@ def write(machine: Machine, done: Session, folder: Path, sides: bool) -> tuple[P
 def run(job: Job) -> dict:
     """Return what a diagnosis makes of one campaign."""
     rng = np.random.default_rng([job.seed, job.number, *job.machine.encode(), *job.cause.encode()])
-    machine, right = (MACHINES | SQUARE)[job.machine], CAUSES[job.cause][1]
+    machine, (made, right) = (MACHINES | SQUARE)[job.machine], CAUSES[job.cause]
     eta = float(np.exp(rng.uniform(*np.log(job.eta))))
     done = session(machine, job.cause, eta, rng, job.places, job.repeats)
     line = {"machine": job.machine, "cause": job.cause, "eta": round(eta, 2)}
@@ -91,14 +91,11 @@ def run(job: Job) -> dict:
             return line | {"verdict": "refused", "names": str(error)[:90], "right": 0, "wrong": 0}
         told = json.loads((Path(place) / "out" / "diagnosis.json").read_text(encoding="utf-8"))
     sets = [{e["kind"], *map(kind_of, e["alternatives"])} for e in told["effects"]]
-    # of no kind: a set is right that has the unknown in it
-    nameless = CAUSES[job.cause][0] is not None and not right
-    right = right or frozenset({"unknown"} if nameless else ())
     hit, wrong = any(s & right for s in sets), sum(not s & right for s in sets)
-    if nameless:
-        hit = (hit or told["verdict"] in ("partial", "unnamed")) and not wrong
-    elif not right:
+    if made is None:
         hit = told["verdict"] == "none"
+    elif right == UNKNOWN:
+        hit = (hit or told["verdict"] in ("partial", "unnamed")) and not wrong
     names = "; ".join(f"{e['kind']} {'+'.join(e['on'])} {e['probability']:.2f}"
                       for e in told["effects"])
     return line | {"verdict": told["verdict"], "wrong": wrong, "right": int(hit), "names": names}
@@ -129,10 +126,11 @@ def kind_of(label: str) -> str:
 
 def has(machine: Machine, cause: str) -> bool:
     """Whether a machine can have a cause: where offsets are free a constant is geometry."""
-    if cause == "constant" and machine.offset:
-        return False
-    return cause not in OF_ROPES or (machine.kind == "rope" and (
-        bool(machine.pulling) or not cause.startswith(("stretch", "give", "rough", "pulled"))))
+    if cause in BY_PULL:
+        return bool(machine.pulling)
+    if cause == "constant":
+        return not machine.offset
+    return cause not in IN_FORCE or machine.kind == "rope"
 
 
 def share(hits: int, total: int) -> str:

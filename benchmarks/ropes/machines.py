@@ -12,6 +12,8 @@ import numpy as np
 
 Array = np.ndarray
 NAMES = ("x", "y", "z", "rx", "ry", "rz")
+ELBOWS = (-1, 1)
+"""How those of two arms turn from crank to rod, counter-clockwise 1."""
 COORDINATES = {"planar-point": [0, 1], "planar": [0, 1, 5], "translational": [0, 1, 2],
                "spatial": [0, 1, 2, 3, 4, 5]}
 
@@ -41,11 +43,6 @@ class Machine:
     def ropes(self) -> list[str]:
         """Names of the ropes."""
         return [f"r{i + 1}" for i in range(len(self.anchors))]
-
-    @property
-    def elbows(self) -> list[int]:
-        """How the elbow of each limb turns from crank to rod, counter-clockwise 1."""
-        return [-1, 1] if self.bars else [0] * len(self.anchors)
 
     @property
     def flat(self) -> bool:
@@ -78,14 +75,14 @@ class Machine:
                     for c, v in zip("xyz"[:size], values, strict=True)}
 
         at = {NAMES[c]: float(self.centre[c]) for c in self.coordinates}
-        bars = [dict(zip(("proximal", "distal"), map(float, self.bars), strict=True),
-                     elbow=e) if self.bars else {} for e in self.elbows]
+        arms = [{"proximal": self.bars[0], "distal": self.bars[1], "elbow": e}
+                for e in ELBOWS] if self.bars else [{}] * len(self.anchors)
         return {"format": "ppmcal/mechanism/1", "name": self.name, "motion": self.motion,
                 "units": {"length": "mm", "angle": "rad"}, "home": {"pose": at},
                 "limbs": [{"name": n, "kind": self.kind, "base": {"point": points(a, False)},
                            "platform": {"point": points(b, self.pointed)},
                            "offset": {"value": 0.0, "fixed": not self.offset}, **more}
-                          for n, a, b, more in zip(self.ropes, self.anchors, self.hooks, bars,
+                          for n, a, b, more in zip(self.ropes, self.anchors, self.hooks, arms,
                                                    strict=True)],
                 "tolerances": {"point": self.tolerance, "length": self.tolerance,
                                "offset": self.in_joints(self.offset or 1.0)}}
@@ -151,7 +148,7 @@ def ways(machine: Machine, anchors: Array, hooks: Array, bars: Array, poses: Arr
     d = np.linalg.norm(reach, axis=-1)
     crank, rod = bars.T
     inner = np.arccos((crank**2 + d**2 - rod**2) / (2.0 * crank * d))
-    angle = np.arctan2(reach[..., 1], reach[..., 0]) - np.array(machine.elbows) * inner
+    angle = np.arctan2(reach[..., 1], reach[..., 0]) - np.array(ELBOWS) * inner
     return angle * machine.bars[0]
 
 

@@ -41,6 +41,11 @@ def _one(values: Array, rope: int) -> Array:
     return out
 
 
+def _some(values: Array, r: Rows) -> Array:
+    """Return values of one of the first four ropes, whichever."""
+    return _one(values, int(r.rng.integers(min(4, values.shape[1]))))
+
+
 def _curved(r: Rows) -> Array:
     low, high = r.length.min(axis=0), r.length.max(axis=0)
     x = 2.0 * (r.length - low) / (high - low) - 1.0
@@ -49,13 +54,11 @@ def _curved(r: Rows) -> Array:
 
 def _shift(r: Rows) -> Array:
     late = np.arange(len(r.length)) >= int(r.rng.uniform(0.35, 0.65) * len(r.length))
-    return _one(np.where(late[:, None], 1.0, 0.0) * np.ones_like(r.length),
-                int(r.rng.integers(min(4, r.length.shape[1]))))
+    return _some(np.where(late[:, None], 1.0, 0.0) * np.ones_like(r.length), r)
 
 
 def _wave(r: Rows) -> Array:
-    return _one(np.sin(2.0 * np.pi * r.length / 150.0 + 1.0),
-                int(r.rng.integers(min(4, r.length.shape[1]))))
+    return _some(np.sin(2.0 * np.pi * r.length / 150.0 + 1.0), r)
 
 
 def _caught(r: Rows) -> Array:
@@ -73,8 +76,7 @@ def _rough(r: Rows) -> Array:
 
 def _wanders(r: Rows) -> Array:
     steps = r.rng.normal(size=len(r.length)).cumsum() / np.sqrt(len(r.length))
-    return _one(np.repeat(steps[:, None], r.length.shape[1], axis=1),
-                int(r.rng.integers(min(4, r.length.shape[1]))))
+    return _some(np.repeat(steps[:, None], r.length.shape[1], axis=1), r)
 
 
 def _homed(r: Rows) -> Array:
@@ -88,6 +90,7 @@ def _pulled(r: Rows) -> Array:
     return r.length * r.tension * np.where(r.session == SESSIONS - 1, other, 1.0)[:, None]
 
 
+UNKNOWN = frozenset({"unknown"})
 CAUSES: dict[str, tuple[Cause | None, frozenset[str]]] = {
     "none": (None, frozenset()),
     "stretch": (lambda r: r.length * r.tension, frozenset({"rope_stretch", "anchor_give"})),
@@ -97,9 +100,9 @@ CAUSES: dict[str, tuple[Cause | None, frozenset[str]]] = {
     "slipped": (_shift, frozenset({"zero_shift"})),
     "wave": (_wave, frozenset({"periodic"})),
     "backlash": (lambda r: _one(0.5 * r.side, 1), frozenset({"backlash"})),
-    "caught": (_caught, frozenset()),
+    "caught": (_caught, UNKNOWN),
     "rough": (lambda r: r.length * r.tension, frozenset({"rope_stretch", "anchor_give"})),
-    "wanders": (_wanders, frozenset()),
+    "wanders": (_wanders, UNKNOWN),
     "none-by-day": (None, frozenset()),
     "homed": (_homed, frozenset({"zero_shift"})),
     "pulled": (_pulled, frozenset({"rope_stretch", "anchor_give"})),
@@ -115,9 +118,8 @@ ROUGH = frozenset({"rough"})
 """Causes beside which friction adds to each place what no model has, as on a real router: there
 `eta` counts in the rms of that, and it is so many times the noise."""
 TIMES = 3.0
-OF_ROPES = frozenset({"stretch", "give", "constant", "rough", "pulled", "none-in-force",
-                      "elastic"})
-"""Causes that only what pulls can have."""
+BY_PULL = frozenset({"stretch", "give", "rough", "pulled"})
+"""Causes that only ropes have which are pulled against others."""
 IN_FORCE = frozenset({"none-in-force", "elastic"})
 """Causes of campaigns whose ropes have force sensors."""
 SESSIONS = 3

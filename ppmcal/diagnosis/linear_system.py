@@ -107,10 +107,14 @@ class System:
         number = np.array([self.problem.datasets[i].rows[n] for i, n in
                            zip(self.dataset, self.row, strict=True)], dtype=np.int64)
         same = self.dataset[1:] == self.dataset[:-1]
-        blind = np.array([d.kind.blind for d in self.problem.datasets])[self.dataset[1:]]
-        if blind.any() and np.unique(self.group).size < self.group.size:
-            same &= ~blind
+        if self.blind.any() and np.unique(self.group).size < self.group.size:
+            same &= ~self.blind[1:]
         return np.where(same, np.maximum(np.diff(number), 1), 0)
+
+    @cached_property
+    def blind(self) -> Bools:
+        """Which rows are joint values alone (N,)."""
+        return np.array([d.kind.blind for d in self.problem.datasets])[self.dataset]
 
     @property
     def firsts(self) -> tuple[SystemPart, ...]:

@@ -159,17 +159,12 @@ def rows(system: System, first: int) -> Iterator[tuple[Block, WrongRows]]:
                         float(np.log(float(prior)))), WrongRows((n,), f"row {n}")
 
 
-def _blind(system: System) -> Bools:
-    """Return which rows are joint values alone (N,)."""
-    return np.array([d.kind.blind for d in system.problem.datasets])[system.dataset]
-
-
 def first_readings(system: System) -> Bools:
     """Return which rows are the first of several joint values alone at one place (N,)."""
     _, begin, place, count = np.unique(system.group, return_index=True, return_inverse=True,
                                        return_counts=True)
     place = place.reshape(-1)
-    return np.asarray(_blind(system) & (count[place] > 1) & (begin[place] == np.arange(place.size)))
+    return np.asarray(system.blind & (count[place] > 1) & (begin[place] == np.arange(place.size)))
 
 
 def places(system: System, zeros: Mapping[str, Array], first: int
@@ -183,7 +178,7 @@ def places(system: System, zeros: Mapping[str, Array], first: int
     Returns:
         The blocks, and their columns (N m, c).
     """
-    held = _blind(system) | (system.problem.mechanism.surplus > 0)
+    held = system.blind | (system.problem.mechanism.surplus > 0)
     found: list[tuple[Block, Source]] = []
     columns = [np.zeros((system.observed.size, 0))]
     group, count = np.unique(system.group[held], return_counts=True)

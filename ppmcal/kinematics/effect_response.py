@@ -43,7 +43,7 @@ NO_FACTOR = 1e-8
 
 def environment_of(mechanism: Mechanism, data: Dataset) -> Environment:
     """Return the environment of a data set's rows."""
-    whole = data if data.whole is None else data.whole
+    whole = data.entire
     # of a distance between two positions nobody says in which order they were visited
     q = whole.q if whole.to_q is None else np.full_like(whole.q, np.nan)
     seen = environment(whole.columns, mechanism.actuators, mechanism.gravity, q,

@@ -178,6 +178,11 @@ class Dataset:
         """Return name, kind of instrument and number of rows."""
         return f"<data set {self.name}: {self.kind}, {pluralize(len(self), 'row')}>"
 
+    @property
+    def entire(self) -> Dataset:
+        """The data set with all rows, of which these may be some."""
+        return self if self.whole is None else self.whole
+
     def __len__(self) -> int:
         """Return the number of rows N."""
         return int(self.rows.shape[0])
@@ -209,7 +214,7 @@ class Dataset:
             visited=None if visited is None else visited[keep], unusable=unusable,
             moments=None if self.moments is None else self.moments[keep],
             stands=None if self.stands is None else self.stands[keep],
-            whole=self if self.whole is None else self.whole,
+            whole=self.entire,
             place=np.arange(len(self))[keep] if self.place is None else self.place[keep],
             weight=None if self.weight is None else self.weight[keep])
 

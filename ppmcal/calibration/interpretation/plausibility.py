@@ -66,7 +66,7 @@ def _directions(mechanism: Mechanism, data: Dataset) -> list[Note]:
     """Return recorded directions that are not those of the order that the sidecar vouches for."""
     if data.approach != "sequence":
         return []
-    whole = data if data.whole is None else data.whole
+    whole = data.entire
     told, out = ways(whole.q), []
     for a, name in enumerate(mechanism.actuators):
         recorded = whole.columns.get(f"dir_{name}", np.full(len(whole), np.nan))

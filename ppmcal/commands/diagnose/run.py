@@ -287,8 +287,7 @@ def run(asked: DiagnoseArguments) -> DiagnosisResult:
 def as_filed(fitted: Sequence[Dataset], files: Sequence[Dataset]) -> list[Dataset]:
     """Return the file that each data set of a fit is of, or is a session of."""
     own = {data.name: data for data in files}
-    return [own[data.name if data.whole is None or data.name in own else data.whole.name]
-            for data in fitted]
+    return [own[data.name if data.name in own else data.entire.name] for data in fitted]
 
 
 def when_refused(error: PpmcalError, asked: DiagnoseArguments, folder: Path | None
