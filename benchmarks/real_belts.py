@@ -33,7 +33,7 @@ from ppmcal.io import read_mechanism
 BELTS = ("bl", "br", "tr", "tl")
 HEIGHTS = {"bl": 34.0, "br": 78.0, "tr": 56.0, "tl": 100.0}
 """Of the anchors above the router's plane, as the firmware has them, mm."""
-CONSTANTS = ("from_row", "low", "high")
+CONSTANTS = ("from_row", "low", "high", "at")
 """Where an effect acts, and no size of it."""
 SIDE = {"units": {"length": "mm", "angle": "deg"},
         "instrument": {"kind": "none", "sigma": {"actuator": 1.0, "estimated": True}}}

@@ -19,7 +19,16 @@ from pathlib import Path
 import numpy as np
 import yaml
 from ropes.machines import BELTS, MACHINES, NAMES, SQUARE, Machine
-from ropes.world import BY_PULL, CAUSES, IN_FORCE, NOISE, TURN_NOISE, UNKNOWN, Session, session
+from ropes.world import (
+    BY_PULL,
+    CAUSES,
+    NOISE,
+    OF_ROPES,
+    TURN_NOISE,
+    UNKNOWN,
+    Session,
+    session,
+)
 from study_summary import interval
 
 import ppmcal
@@ -130,7 +139,7 @@ def has(machine: Machine, cause: str) -> bool:
         return bool(machine.pulling)
     if cause == "constant":
         return not machine.offset
-    return cause not in IN_FORCE or machine.kind == "rope"
+    return cause not in OF_ROPES or machine.kind == "rope"
 
 
 def share(hits: int, total: int) -> str:

@@ -19,7 +19,7 @@ class Rows:
     """What a cause may know: paid-out lengths (N, m), tensions, places, rows and directions.
 
     ``tension``: in parts of what those pull that do, and ``force`` in N, as sensors show it;
-    ``session`` (N,): number of the session.
+    ``session`` (N,): number of the session; ``beyond`` (N,): whether x is beyond the middle.
     """
 
     length: Array
@@ -29,6 +29,7 @@ class Rows:
     rng: np.random.Generator
     session: Array
     force: Array
+    beyond: Array
 
 
 Cause = Callable[[Rows], Array]
@@ -90,6 +91,11 @@ def _pulled(r: Rows) -> Array:
     return r.length * r.tension * np.where(r.session == SESSIONS - 1, other, 1.0)[:, None]
 
 
+def _sides(r: Rows) -> Array:
+    """Return what ropes read otherwise where those on the other side are pulled first."""
+    return np.where(r.beyond[:, None], 1.0, 0.0) * r.rng.normal(size=r.length.shape[1])
+
+
 UNKNOWN = frozenset({"unknown"})
 CAUSES: dict[str, tuple[Cause | None, frozenset[str]]] = {
     "none": (None, frozenset()),
@@ -106,6 +112,8 @@ CAUSES: dict[str, tuple[Cause | None, frozenset[str]]] = {
     "none-by-day": (None, frozenset()),
     "homed": (_homed, frozenset({"zero_shift"})),
     "pulled": (_pulled, frozenset({"rope_stretch", "anchor_give"})),
+    "sides": (_sides, frozenset({"side_shift"})),
+    "slipped-in-columns": (_shift, frozenset({"zero_shift"})),
     "none-in-force": (None, frozenset()),
     "elastic": (lambda r: r.length * r.force, frozenset({"rope_elasticity"})),
 }
@@ -120,9 +128,15 @@ ROUGH = frozenset({"rough"})
 TIMES = 3.0
 BY_PULL = frozenset({"stretch", "give", "rough", "pulled"})
 """Causes that only ropes have which are pulled against others."""
+IN_COLUMNS = frozenset({"sides", "slipped-in-columns"})
+"""Causes of campaigns that go from side to side, column by column, so that late is beyond."""
 IN_FORCE = frozenset({"none-in-force", "elastic"})
 """Causes of campaigns whose ropes have force sensors."""
+OF_ROPES = IN_FORCE | {"sides"}
+"""Causes that only ropes have."""
 SESSIONS = 3
+COLUMNS = 4
+"""Either side of the middle."""
 PULL = (20.0, 100.0)
 """With what ropes pull that do, N, drawn anew at each place where there are force sensors."""
 
@@ -159,6 +173,8 @@ def session(machine: Machine, cause: str, eta: float, rng: np.random.Generator, 
     if machine.bars:
         bars = bars + rng.normal(size=bars.shape) * machine.tolerance
     at = np.array(machine.centre) + np.array(machine.half) * rng.uniform(-1, 1, (places, 6))
+    if cause in IN_COLUMNS:
+        at = at[np.argsort(np.round(at[:, 0] / machine.half[0] * COLUMNS), kind="stable")]
     place = np.repeat(np.arange(places), repeats)
     poses = at[place]
     _, units, arms = ropes(anchors, hooks, poses)
@@ -169,7 +185,8 @@ def session(machine: Machine, cause: str, eta: float, rng: np.random.Generator, 
     tension = tensions(machine, units, arms)
     pull = rng.uniform(*PULL, places)[place, None] if cause in IN_FORCE else 1.0
     day = place * SESSIONS // places if cause in BY_DAY else np.zeros_like(place)
-    rows = Rows(length, tension, place, np.sign(length - before), rng, day, pull * tension)
+    rows = Rows(length, tension, place, np.sign(length - before), rng, day, pull * tension,
+                poses[:, 0] > np.mean([anchors[:, 0].min(), anchors[:, 0].max()]))
     made = CAUSES[cause][0]
     extra = np.zeros_like(length) if made is None else made(rows)
     noise = NOISE

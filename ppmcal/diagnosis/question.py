@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.calibration.fit import prior_weights, to_prior
+from ppmcal.calibration.fit import Problem, by_defining, prior_weights, to_prior
 from ppmcal.diagnosis.at_sessions import Form, priors
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.library_columns import Products
@@ -109,7 +109,8 @@ def at_nominal(system: System, added: Sequence[int] = ()) -> tuple[Array, Array]
     """Return residuals (N m,) taken back to the nominal machine, and its geometry (N m, c).
 
     So tolerances are the prior of geometry, whose root it is times, whatever the fit has made of
-    it. ``added``: columns of the problem that belong to effects under test, which the system's
+    it: those of held parameters too, which all others are off by together where these define the
+    frames. ``added``: columns of the problem that belong to effects under test, which the system's
     Jacobian has no more.
     """
     problem, observed = system.problem, system.observed
@@ -120,7 +121,20 @@ def at_nominal(system: System, added: Sequence[int] = ()) -> tuple[Array, Array]
     rest = [c for c in range(scale.size) if c not in set(added)]
     flat = system.jacobian.reshape(observed.size, -1) * observed.reshape(-1, 1)
     values = system.residual.reshape(-1) * observed.reshape(-1) + flat @ away[rest]
-    return values, flat * prior[rest]
+    return values, np.hstack([flat * prior[rest], _of_frames(problem, flat, scale, rest)])
+
+
+def _of_frames(problem: Problem, flat: Array, scale: Array, rest: Sequence[int]) -> Array:
+    """Return what errors of the parameters that define the frames do (N m, G), one sigma each.
+
+    ``flat``: columns ``rest`` of the Jacobian, in units of ``scale``, those of parameters first.
+    """
+    machine, free = problem.mechanism, [c for c in rest if c < len(problem.free)]
+    if not machine.defining:
+        return flat[:, :0]
+    moves = by_defining(machine, problem.datasets, [problem.free[c] for c in free])
+    sigma = [machine.parameters[p].prior_sigma or float(WIDE) for p in machine.defining]
+    return np.asarray(flat[:, :len(free)] / scale[free] @ moves * sigma)
 
 
 def noise_freedom(system: System) -> float:

@@ -18,7 +18,7 @@ from ppmcal.io import read_mechanism
 from ppmcal.model.effects import effect_kinds
 
 CONFIGS = ROOT / "configs"
-CONSTANTS = ("low", "high", "from_row", "radius")
+CONSTANTS = ("low", "high", "from_row", "radius", "at")
 POSES: dict[str, Any] = {
     "3-RPR": {"center": {"x": 500, "y": 288.675, "rz": 30},
               "half_range": {"x": 60, "y": 60, "rz": 8}, "count": 24},
@@ -114,6 +114,9 @@ CAMPAIGNS: dict[str, tuple[str, list[dict[str, Any]]]] = {
     "ropes": ("cable-4-planar", [effect("rope_stretch", ["c1"], strain=0.004)]),
     "frame of ropes": ("cable-4-planar", [effect("anchor_give", ["c2"], give=6.0)]),
     "heights of ropes": ("cable-4-planar", [effect("rope_height", ["c1"], height=150.0)]),
+    "sides of ropes": ("cable-4-planar", [
+        effect("side_shift", ["c1"], shift=3.0, at=0.0) | {"along": "x"},
+        effect("side_shift", ["c3"], shift=-2.0, at=40.0) | {"along": "y"}]),
     "lengths of ropes": ("cable-4-planar", [effect("missing_length", length=40.0)]),
     "from the file": ("6-UPS", [effect("learned", ["leg2"], scale=1.0) | {
         "input": "travel", "nodes": [1000, 1900, 2000, 2100, 2200, 4000],

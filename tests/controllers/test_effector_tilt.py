@@ -233,3 +233,9 @@ def test_a_printer_that_was_touched_on_its_bed_alone_is_commanded_above_it(tmp_p
     assert found.compensation.status == ("ok",) * 8 + ("refused",) * 4
     assert all("far outside the measured volume: z = 180 mm" in why
                for why in found.compensation.reason[8:])
+
+
+def test_a_probe_beyond_the_towers_is_refused_with_its_file(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match=r"probe stands 300 mm.*offsets") as refused:
+        imported(tmp_path, SixRodPrinter(1), probe=(300.0, 0.0))
+    assert "printer.cfg" in str(refused.value)

@@ -60,7 +60,9 @@ def days(tmp_path_factory):
     ("belts", "homed", 0.5, 901), ("cables", "homed", 0.5, 904), ("belts", "pulled", 1.0, 900),
     ("cables", "pulled", 0.5, 905), ("cables", "elastic", 1.0, 901),
     ("cage-square", "homed", 1.0, 902), ("cables-square", "homed", 2.0, 903),
-    ("five-bar", "homed", 1.0, 901), ("seven-legs", "homed", 0.5, 901)])
+    ("five-bar", "homed", 1.0, 901), ("seven-legs", "homed", 0.5, 901),
+    ("belts", "sides", 1.0, 901), ("cables", "sides", 1.0, 902),
+    ("belts", "slipped-in-columns", 1.0, 903)])
 @pytest.mark.long
 def test_what_is_hidden_is_named(machine, cause, eta, seed, tmp_path):
     found = told(tmp_path, machine, cause, eta, seed)

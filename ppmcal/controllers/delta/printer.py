@@ -97,6 +97,18 @@ class Printer:
     by_hand: int = 0
     probed: bool = True
 
+    def __post_init__(self) -> None:
+        """Refuse a probe that stands farther beside the nozzle than the towers do.
+
+        Raises:
+            BadInput: so.
+        """
+        away = math.hypot(*self.probe)
+        if away > self.geometry.radius:
+            raise BadInput(f"the probe stands {away:g} mm beside the nozzle, and the towers' "
+                           f"joints {self.geometry.radius:g} mm", self.source,
+                           "Look at the probe's offsets in x and y, in mm")
+
     @property
     def calibration(self) -> DeltaGeometry:
         """What its last calibration saved, mm and degrees."""

@@ -268,5 +268,5 @@ def import_config(path: Path, options: Mapping[str, Any]) -> Imported:
     for name, none in (("rods", ()), ("mesh", ()), ("radius", None), ("effector", None)):
         if options.get(name, none) != none:
             raise BadInput("a rotary delta is imported as its file has it", f"--{name}",
-                           "Leave it out, and change machine.yaml")
+                           "Leave it out, and change the machine.yaml that is written")
     return imported(path)

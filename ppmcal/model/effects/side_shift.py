@@ -1,0 +1,78 @@
+"""Ropes that read otherwise on the two sides of the middle, as where they are pulled otherwise.
+
+A controller that tightens the nearer rope first leaves other tensions behind on either side of the
+frame, and with them other lengths in all of its ropes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+
+import numpy as np
+
+from ppmcal.errors import BadInput
+from ppmcal.linalg import Bools
+from ppmcal.model.effects.inputs import POSE
+from ppmcal.model.effects.kind import (
+    STROKE,
+    EffectKind,
+    EffectParameter,
+    FromFile,
+    ScanRange,
+    Terms,
+    Worked,
+    fixed_list,
+    linear,
+    register,
+)
+from ppmcal.model.effects.setting import PLACE, Setting
+from ppmcal.model.motions import Motion
+from ppmcal.units import Units
+
+AXES = ("x", "y", "z")
+
+
+def _terms(axis: str, setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
+    """Du = shift where the platform is beyond the middle of the anchors along a base axis."""
+    anchors = setting.points("base")[..., PLACE[axis]]
+    along = setting.pose[:, PLACE[axis]] - 0.5 * (anchors.min(axis=1) + anchors.max(axis=1))
+    beyond = np.where(np.isnan(along), np.nan, np.where(along > values["at"], 1.0, 0.0))
+    return linear(values, {"shift": setting.at_joints(
+        np.broadcast_to(beyond[:, None], setting.travel.shape), on)})
+
+
+def _scan(data: ScanRange) -> list[float]:
+    """Return the middle, and where a controller may take it to be, who knows the frame but so."""
+    return [part * data.size for part in (-0.01, 0.0, 0.01)]
+
+
+def _kind(axis: str) -> EffectKind:
+    return EffectKind(
+        "side_shift", f"du = shift where the platform is beyond the middle of the anchors along "
+        f"{axis} by more than `at`", "the rope that is pulled first, and so what the others hold, "
+        "differs from side to side",
+        fixed_list(EffectParameter("shift", "joint", usual=(-0.2, 0.2), of_stroke=True, why=STROKE),
+                   EffectParameter("at", "length", 0.0, constant=True, scan=_scan, why="controllers "
+                                   "change over in the middle of the frame, as they know it")),
+        (), partial(_terms, axis), joints="ropes", uses_load=True, follows=POSE,
+        exists_in=lambda motion: axis in motion.coordinates, from_file=FromFile(("along",), _made),
+        written=lambda units: {"along": axis}, variants=_variants,
+        title=f"reading that differs between both sides along {axis}",
+        remedy="pull the ropes tight in the same order everywhere",
+        worked=Worked({"shift": 1e-3, "at": 0.1}, {"travel": 0.2, axis: 0.2}, 1e-3))
+
+
+def _made(entries: Mapping[str, object], units: Units, joint: str) -> EffectKind:
+    axis = entries.get("along", "x")
+    if axis not in AXES:
+        raise BadInput(f"no base axis '{axis}'", "along", f"Write one of {', '.join(AXES)}")
+    return KINDS[str(axis)]
+
+
+def _variants(motion: Motion) -> tuple[EffectKind, ...]:
+    return tuple(k for a, k in KINDS.items() if a in motion.coordinates)
+
+
+KINDS = {axis: _kind(axis) for axis in AXES}
+SIDE_SHIFT = register(KINDS["x"])
