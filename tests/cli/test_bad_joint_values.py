@@ -77,6 +77,18 @@ def test_a_rope_that_is_slack_in_most_rows_is_a_finding(name, tmp_path):
 
 
 @pytest.mark.slow
+def test_slack_is_asked_of_rows_that_were_left_out_too(tmp_path):
+    """Where gross errors explain it the others agree with the noise, and the rope is told still."""
+    path, data = campaign(tmp_path, "maslow", 40)
+    rng = np.random.default_rng(3)
+    edited(data, slackened("q_br", rng.permutation(40)[:8], rng.uniform(6.0, 30.0, 8)))
+    code, said = findings(tmp_path, path, data)
+    assert any("rows left out" in f for f in said)
+    (told,) = [f for f in said if "slack?" in f]
+    assert code == 1 and "br reads long in 8 of 40 rows" in told
+
+
+@pytest.mark.slow
 def test_a_rope_that_reads_long_in_every_row_of_one_file_has_another_zero_there(tmp_path):
     """To leave its rows out would be no advice."""
     path, data = campaign(tmp_path, "maslow", 40)

@@ -1,7 +1,7 @@
 """Ropes that were slack in rows of a fit: they would have to push, or read longer than they are.
 
 A slack rope's reading can only be longer than its ends are apart, in each row by as much as it
-likes. That is asked of every rope where residuals exceed the noise.
+likes. That is asked of every rope where residuals exceed the noise or rows were left out.
 """
 
 from __future__ import annotations
@@ -88,14 +88,17 @@ class _LongRope:
 
 
 def _long(fit: Fit) -> Iterator[Note]:
-    """Yield, of each file, the ropes that read longer than they are in rows that a fit uses."""
+    """Yield, of each file, the ropes that read longer than they are, in rows left out as well."""
     mechanism, datasets = fit.problem.mechanism, fit.problem.datasets
     limbs = [i for i, limb in enumerate(mechanism.limbs) if limb.kind.pulls_only and sum(
         other.actuator == limb.actuator for other in mechanism.limbs) == 1]
     estimated = all(d.estimated for d in datasets)
-    if not limbs or not fit.by_tolerances or not (estimated or noise_check(fit).failed):
+    used = rows_with_outliers(fit)
+    left_out = any(np.any(u & ~k) for u, k in zip(used, fit.keep, strict=True))
+    if not limbs or not fit.by_tolerances or not (
+            estimated or left_out or noise_check(fit).failed):
         return
-    keep = linalg.subsample(rows_with_outliers(fit), MOST_ROWS)
+    keep = linalg.subsample(used, MOST_ROWS)
     known = float(OWN_NOISE_FREEDOM if estimated else NOISE_FREEDOM)
     found = [rope for i in limbs if (rope := _long_rope(fit, i, keep, known))]
     if not found:
@@ -110,8 +113,7 @@ def _long(fit: Fit) -> Iterator[Note]:
               and r.found.log_odds > best.found.log_odds - apart and r.found.beyond > 0.0]
     for i in range(len(datasets)):
         off = (best.dataset == i) & (best.found.kind >= 0)
-        rows = best.row[off]
-        if np.any(fit.keep[i][rows]):       # else all of them are left out, and told
+        if off.any():
             yield _told(fit, i, best, others, off, int(np.count_nonzero(best.dataset == i)))
 
 
