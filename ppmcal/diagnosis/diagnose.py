@@ -12,6 +12,7 @@ from ppmcal.calibration.validation import LeftOut, left_out, report
 from ppmcal.diagnosis.findings import (
     absorbed_by_geometry,
     findings,
+    hardly_visible,
     next_step,
     refuse_unconverged,
     refuse_unredundant,
@@ -116,7 +117,7 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
         found.last.library.untestable, absorbed_by_geometry(whole, final),
         before=reported.fit if final is whole and not terms else whole, identification=reported,
         found=found, proposal=proposed,
-        findings=(*said, *apart, *worse_days(days), *far, *notes),
+        findings=(*said, *apart, *worse_days(days), *far, *hardly_visible(listed), *notes),
         others=others, learned=terms, days=days,
         nothing=what.last.answer.nothing(NO_CAUSES),
         unknown=tuple(unknown(what, p) for p in what.last.unnamed), predictive=held.predictive)

@@ -14,7 +14,7 @@ from ppmcal.diagnosis.linearisation import WEAK_VISIBILITY, Linearisation
 from ppmcal.diagnosis.naming import Told, nearest
 from ppmcal.diagnosis.next_experiment import Proposal, nothing, propose, record_more
 from ppmcal.diagnosis.other_models import others
-from ppmcal.diagnosis.result import NAMED, Found, NamedEffect, Swallowed
+from ppmcal.diagnosis.result import NAMED, Candidate, Found, NamedEffect, Swallowed
 from ppmcal.diagnosis.unknown_causes import UnknownCause
 from ppmcal.errors import NoResult
 from ppmcal.inference.priors import SURE_SIGMAS
@@ -87,6 +87,19 @@ def findings(before: Fit, after: Fit, left: LackOfFit, effects: Sequence[NamedEf
         said.append(Note(f"the fit had not converged after {after.iterations} iterations",
                          topic="convergence"))
     return said
+
+
+def hardly_visible(candidates: Sequence[Candidate]) -> list[Note]:
+    """Return the kinds that no data of these poses would show: geometry takes up most of each."""
+    seen: dict[str, float] = {}
+    for c in candidates:
+        kind = c.hypothesis.effect
+        if kind is not None and np.isfinite(c.visibility):
+            seen[kind.label] = max(seen.get(kind.label, 0.0), c.visibility)
+    hidden = [kind for kind, most in seen.items() if most < WEAK_VISIBILITY]
+    return [Note(f"Geometry takes up most of {', '.join(hidden)} in these poses: such errors would "
+                 "hardly show, and points and lengths that are off may stand for them", NOTE,
+                 topic="visibility")] if hidden else []
 
 
 def _sides(fit: Fit, effects: Sequence[NamedEffect]) -> list[Note]:
