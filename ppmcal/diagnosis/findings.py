@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ppmcal.calibration.fit import OVERSTATED, Fit
-from ppmcal.calibration.validation import LeftOut, rows_left_out
+from ppmcal.calibration.validation import LeftOut, rows_left_out, unused
 from ppmcal.diagnosis.held_out_gap import Gap
 from ppmcal.diagnosis.lack_of_fit import LackOfFit
 from ppmcal.diagnosis.linearisation import WEAK_VISIBILITY, Linearisation
@@ -163,4 +163,8 @@ def next_step(what: Told, stage: Linearisation, verdict: str, gap: Gap | None,
         source = what.last.asked.sources[p.leader]
         if isinstance(source, UnknownCause) and source.remedy:
             return nothing(source.remedy, joints)
+    if none := unused(what.whole):
+        datasets = what.whole.problem.datasets
+        return nothing(f"find out why {' and '.join(datasets[i].name for i in none)} contradicts "
+                       "the other files, and diagnose again", joints)
     return advice(verdict, joints, what.whole.problem.datasets, gap)

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.coverage import half_of_mixture as half_of_mixture
     from ppmcal.calibration.fit.coverage import half_or as half_or
     from ppmcal.calibration.fit.coverage import variances as variances
+    from ppmcal.calibration.fit.fit_result import OUTLIER as OUTLIER
     from ppmcal.calibration.fit.fit_result import Fit as Fit
     from ppmcal.calibration.fit.fit_result import FitOptions as FitOptions
     from ppmcal.calibration.fit.fit_result import data_rows as data_rows
@@ -81,6 +82,7 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.observation import turn_between as turn_between
     from ppmcal.calibration.fit.observation import typical_noise as typical_noise
     from ppmcal.calibration.fit.observation import values_per_row as values_per_row
+    from ppmcal.calibration.fit.observation import wrapped as wrapped
     from ppmcal.calibration.fit.other_assemblies import assembled_at as assembled_at
     from ppmcal.calibration.fit.other_assemblies import assemblies as assemblies
     from ppmcal.calibration.fit.other_assemblies import middle_row as middle_row

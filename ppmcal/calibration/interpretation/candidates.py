@@ -59,13 +59,14 @@ def joint_readings(mechanism: Mechanism, data: Dataset, single: bool = True) -> 
 
 def other_units(mechanism: Mechanism, plain: ReadColumns) -> list[dict[str, float]]:
     """Return, by joint, the units that its column may be in and their factors on its values."""
-    return [{} if bare else _others(LENGTHS if quantity == "length" else TURNED, declared)
+    return [{} if bare else units_beside(LENGTHS if quantity == "length" else TURNED, declared)
             for quantity, bare, declared in zip(
                 mechanism.actuator_quantity, mechanism.actuator_has_ratio, plain.factors,
                 strict=True)]
 
 
-def _others(known: Mapping[str, float], declared: float) -> dict[str, float]:
+def units_beside(known: Mapping[str, float], declared: float) -> dict[str, float]:
+    """Return the units other than the declared one, and their factors on its values."""
     return {u: v / declared for u, v in known.items() if not np.isclose(v, declared)}
 
 
@@ -191,7 +192,7 @@ def position_readings(plain: ColumnInterpretation) -> list[ColumnInterpretation]
         _placed(plain, order=o) for o in _orders() if not planar or o[2] == 2), *(
         _placed(plain, signs=s) for s in (
             (*ONE_SIGN[:2], (-1, -1, 1)) if planar else (*ONE_SIGN, ALL_SIGNS)))]
-    units = _others(LENGTHS, plain.places.factors[0])
+    units = units_beside(LENGTHS, plain.places.factors[0])
     return [*out, *(_placed(p, units=(u, u, u)) for u in units for p in out), *(
         _placed(plain, units=tuple(u if i == axis else "" for i in range(3)))
         for u in units for axis in plain.places.own)]
@@ -205,7 +206,7 @@ def rotation_readings(plain: ColumnInterpretation, data: Dataset) -> list[Column
     convention = plain.convention
     if not np.isfinite(data.rotation).any() or convention == "matrix":
         return [plain]
-    units = ["", *_others(TURNED, plain.turns.factors[0])]
+    units = ["", *units_beside(TURNED, plain.turns.factors[0])]
     if len(plain.places.own) == 2:
         return [_turned(plain, units=(u, u, u), signs=(1, 1, s)) for u in units for s in (1, -1)]
     both = ((1, 1, 1), ALL_SIGNS)
@@ -224,7 +225,7 @@ def whole_pose_readings(plain: ColumnInterpretation, data: Dataset) -> list[Colu
     """Return readings in which positions depend on the rotations: inverse poses."""
     if not np.isfinite(data.rotation).any() or not data.kind.sees_rotation:
         return []
-    units = _others(LENGTHS, plain.places.factors[0])
+    units = units_beside(LENGTHS, plain.places.factors[0])
     return [replace(_placed(r, units=(u, u, u)), inverse=True)
             for r in rotation_readings(plain, data) for u in ("", *(units if r == plain else ()))]
 

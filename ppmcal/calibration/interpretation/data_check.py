@@ -108,7 +108,8 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
         misreadings = refused.found if refused else ()
         findings = [*_not_told(findings, misreadings), *_told(misreadings, mechanism)]
         if refused and not misreadings:
-            findings.append(Note(f"{refused.what}. {refused.hint}.", topic="interpretation"))
+            said = " ".join(f"{part}." for part in (refused.what, refused.hint) if part)
+            findings.append(Note(said, topic="interpretation"))
     out = Check((), gaps, value, q_home, misreadings=(*misreadings, *(
         m for d in datasets for m in plain_mistakes(d, mechanism, misreadings))))
     used = tuple(datasets) or ((trial_dataset(mechanism),) if judged else ())

@@ -26,7 +26,7 @@ HINTS = {
     "zero": "Correct these joints' offsets, or give `offset` tolerances of that size: the fit "
             "finds offsets then",
     **{key.replace("_", "-"): f"Write into the sidecar: `{key}: unknown`"
-       for key in ("frame", "target", "target_rotation")}}
+       for key in ("frame", "target", "target_rotation", "offset")}}
 """What only the user can correct, by kind of mistake."""
 PLAIN = ("stale", "outside-limits")
 """Kinds that name their rows and are not another reading of them."""
@@ -43,8 +43,8 @@ class FileFault:
     """One way in which a file is not what it was read as.
 
     ``kind``: permuted, sign, unit, rotation, inverse, mirrored, exchanged, shifted, stale,
-    outside-limits, home, zero, assembly or radius; ``columns`` that it concerns; ``text``: in
-    words; ``rows``: where not all of them, by number in the CSV.
+    outside-limits, joint, home, zero, assembly or radius; ``columns`` that it concerns; ``text``:
+    in words; ``rows``: where not all of them, by number in the CSV.
     """
 
     kind: str
@@ -67,6 +67,7 @@ class Interpretation:
         headers: of the file -> those to write in their place, where a wrong unit stands in them:
             the sidecar has no say in these.
         sigma: entries of the sidecar's ``instrument.sigma`` that are in the columns' unit too.
+        at: the joint that is to be the sidecar's ``instrument.at``; empty where that is right.
         alternatives: other mistakes that explain the file as well, and change no more of it.
         right: the data set read so, None where nothing was compared.
     """
@@ -82,6 +83,7 @@ class Interpretation:
     alternatives: tuple[tuple[FileFault, ...], ...] = ()
     right: Dataset | None = field(default=None, compare=False, repr=False)
     headers: Mapping[str, str] = field(default_factory=dict)
+    at: str = ""
 
     @property
     def otherwise(self) -> str:
@@ -178,15 +180,12 @@ def hint_of(found: Sequence[Interpretation]) -> str:
     hints = dict.fromkeys(HINTS[x.kind] for x in every if x.kind in HINTS)
     if hints:
         return ". ".join(hints)
-    blocks: dict[tuple[str, str], list[str]] = {}
+    blocks: dict[str, list[str]] = {}
     headers = "; and ".join(dict.fromkeys(in_headers(m.headers, m.source) for m in found
                                           if m.headers))
     for m in found:
-        if m.block:
-            # digits without an exponent: every reader of YAML takes them for a number
-            sigma = ", ".join(f"{k}: {np.format_float_positional(v, trim='-')}"
-                              for k, v in m.sigma.items())
-            blocks.setdefault((block_text(m.block), sigma), []).append(m.source)
+        if m.block or m.at:
+            blocks.setdefault(_sidecar_lines(m), []).append(m.source)
     if headers and not blocks:
         return f"Write {headers}: the sidecar has no say where a unit stands in the header"
     if not blocks:
@@ -204,8 +203,18 @@ def hint_of(found: Sequence[Interpretation]) -> str:
     place = {b: f"sidecar{'s' * (len(own) > 1)} of {' and '.join(own)}" if named else "sidecar"
              for b, own in blocks.items()}
     return "Write into the " + between.join(
-        f"{place[b]}: `read: {b[0]}`" + (
-            " and, as sigma is in the unit of the columns too, "
-            f"`instrument: {{sigma: {{{b[1]}}}}}`" * bool(b[1]))
-        for b in blocks) + f"; and {headers}" * bool(headers) + (
+        f"{place[b]}: {b}" for b in blocks) + f"; and {headers}" * bool(headers) + (
         ". Or correct the mechanism file, if it has the mirror image" if mirrored else "")
+
+
+def _sidecar_lines(found: Interpretation) -> str:
+    """Return the lines for the sidecar of one file, with why its sigma is among them."""
+    lines = [f"`read: {block_text(found.block)}`"] if found.block else []
+    lines += [f"`instrument: {{at: {found.at}}}`"] if found.at else []
+    if not found.sigma:
+        return " and ".join(lines)
+    # digits without an exponent: every reader of YAML takes them for a number
+    sigma = ", ".join(f"{k}: {np.format_float_positional(v, trim='-')}"
+                      for k, v in found.sigma.items())
+    return (f"{' and '.join(lines)} and, as sigma is in the unit of the columns too, "
+            f"`instrument: {{sigma: {{{sigma}}}}}`")

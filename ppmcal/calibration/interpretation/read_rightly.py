@@ -17,7 +17,7 @@ from functools import partial
 
 import numpy as np
 
-from ppmcal.calibration.fit import Fit, Problem, State, distances, identify
+from ppmcal.calibration.fit import Fit, Problem, State, distances, identify, shown
 from ppmcal.calibration.interpretation.assembly import other_assembly
 from ppmcal.calibration.interpretation.interpretation_error import (
     FileFault,
@@ -41,7 +41,7 @@ from ppmcal.calibration.interpretation.obvious_mistakes import (
     refuse_wrong_units,
     with_positive_struts,
 )
-from ppmcal.calibration.interpretation.readings import readable
+from ppmcal.calibration.interpretation.readings import of_a_joint, readable
 from ppmcal.calibration.interpretation.score import (
     Look,
     Score,
@@ -54,6 +54,7 @@ from ppmcal.calibration.interpretation.score import (
 from ppmcal.calibration.interpretation.search import Way, ways
 from ppmcal.calibration.interpretation.targets_read import left_out_whole, targets_read
 from ppmcal.calibration.interpretation.wrong_rows import wrong_parts, wrong_rows
+from ppmcal.calibration.validation import unused_sentences
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.model.parameters import NO_TOLERANCE
 from ppmcal.notes import about
@@ -64,12 +65,16 @@ log = logging.getLogger(__package__)
 HINT = ("Check the order and signs of the q columns, their units, and how the rotation is written "
         "(rotation vector rx, ry, rz; quaternion x, y, z, w; from platform to base). If the "
         "machine really is that far from its nominal geometry, give larger tolerances")
+HINT_AT_JOINT = ("Check the joint that the encoder is at (`instrument.at`), the unit and sign of "
+                 "its column, and the q columns. If the machine really is that far from its "
+                 "nominal geometry, give larger tolerances")
 
 
 def find_misreading(problem: Problem, index: int) -> Interpretation | None:
     """Return how one data set is to be read, None where it stands, or where nothing explains it."""
     data = problem.datasets[index]
-    return _read_otherwise(problem.alone(data)) if readable(data) else None
+    other = readable(data) or of_a_joint(data)
+    return _read_otherwise(problem.alone(data)) if other else None
 
 
 def _read_otherwise(alone: Problem, held: bool = False) -> Interpretation | None:
@@ -91,15 +96,15 @@ def _read_otherwise(alone: Problem, held: bool = False) -> Interpretation | None
     # what was fitted as it stands has been held against it
     if np.isinf(as_read.noise) and not _explains(score(alone, np.inf), best):
         return None
-    block, sigma, headers = None, dict[str, float](), dict[str, str]()
+    block, sigma, headers, at = None, dict[str, float](), dict[str, str](), ""
     if way.reading is not None:
         block, sigma = way.reading.block(data), way.reading.sigma(data, best.left)
-        headers = way.reading.headers(data)
+        headers, at = way.reading.headers(data), way.reading.at
     told = (as_read.miss, best.miss) if as_read.nominal > LANDS else (as_read.left, best.left)
     if np.isinf(as_read.total):
         told = (np.nan, np.nan), told[1]
     return Interpretation(data.source, way.what, block, *_telling(*told), best.noise, sigma,
-                          alternatives, way.problem.datasets[0], headers)
+                          alternatives, way.problem.datasets[0], headers, at)
 
 
 def _better(alone: Problem, as_read: Score, held: bool) -> list[tuple[Way, Score]]:
@@ -153,7 +158,7 @@ def _explains(as_read: Score, found: Score) -> bool:
 def _tells(alone: Problem, found: Score) -> bool:
     """Whether what is left is little beside how far the measurements go."""
     data = alone.datasets[0]
-    for values, left in zip((data.position, data.rotation), found.left, strict=True):
+    for values, left in zip(np.hsplit(shown(data), 2), found.left, strict=True):
         known = values[:, np.isfinite(values).any(axis=0)]
         if known.size and np.isfinite(left):
             away = np.linalg.norm(known - np.nanmedian(known, axis=0), axis=1)
@@ -240,10 +245,18 @@ def refuse_misread(problem: Problem) -> None:
     found = misfit(problem)
     log.info("other readings of the files: %s", f"{len(found.readings)} found" if found.readings
              else "none needed" if not found.misread else "none found")
-    _refuse(found.readings, problem)
-    if found.misread:
-        raise InterpretationError(found.sentence(problem.mechanism.units),
-                                  ", ".join(d.source for d in problem.datasets), HINT)
+    # beside more rows of other files those of an encoder would be single mistakes
+    encoders = [problem.alone(d) for d in problem.datasets
+                if of_a_joint(d) and len(problem.datasets) > 1]
+    each = [(problem, found), *((alone, misfit(alone)) for alone in encoders)]
+    told = {m.source for m in found.readings}
+    _refuse([*found.readings, *(m for _, one in each[1:] for m in one.readings
+                                if m.source not in told)], problem)
+    for part, one in each:
+        if one.misread:
+            hint = HINT_AT_JOINT if all(map(of_a_joint, part.datasets)) else HINT
+            raise InterpretationError(one.sentence(problem.mechanism.units),
+                                      ", ".join(d.source for d in part.datasets), hint)
     if found.doubted:
         _refuse(wrong_parts(problem), problem)
 
@@ -344,6 +357,7 @@ def refuse_other_machine(fit: Fit) -> None:
 def refusal(problem: Problem) -> InterpretationError | None:
     """Return what the refusals say of measurements, None where they let them through.
 
+    So is said of a file of which a fit uses hardly a row, although a result would come of it.
     A fit of all rows is made only where a short one leaves more than noise, or goes far.
     """
     try:
@@ -365,4 +379,6 @@ def refusal(problem: Problem) -> InterpretationError | None:
                 refuse_other_machine(fit)
             except InterpretationError as error:
                 return error
+            for sentence in unused_sentences(fit):
+                return InterpretationError(sentence)
     return None

@@ -28,6 +28,7 @@ from ppmcal.kinematics.pose_readings import (
 )
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.instruments import InstrumentKind
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import ANGLES, LENGTHS, TURN
 from ppmcal.wording import pluralize
@@ -130,7 +131,7 @@ def _as_stated(data: Dataset, names: Sequence[str], own: Sequence[int], usual: S
         data.read.get("units", {}), data.own_column(n), "") for n in names]
     known = [(u, UNITS[u]) if u in UNITS and d else (d, f)
              for u, d, f in zip(said, usual, factors, strict=True)]
-    return ReadColumns.as_declared(names, own, *map(tuple, zip(*known, strict=True)))
+    return ReadColumns.as_declared(names, own, [u for u, _ in known], [f for _, f in known])
 
 
 def _stated(old: Mapping[str, Any], changes: Mapping[str, Any], names: Sequence[str]
@@ -166,32 +167,52 @@ def readable(data: Dataset) -> bool:
     return not data.kind.scalar and data.kind.of_poses and data.commanded is None
 
 
+def of_a_joint(data: Dataset) -> bool:
+    """Whether a data set is what an encoder at a joint read, at given joint values."""
+    return data.kind.placed is not None and data.commanded is None
+
+
+def at_joint(data: Dataset, kind: InstrumentKind) -> Dataset:
+    """Return a data set as it is read where its encoder is at another joint, ``kind``.
+
+    What the file's numbers mean goes with the joint: angles of a turn, lengths of a slide.
+    """
+    factor = data.units.factor(kind.quantity) / data.units.factor(data.kind.quantity)
+    return replace(data, kind=kind, value=data.value * factor,
+                   sigma_value=data.sigma_value * factor,
+                   sigma_position=data.sigma_position * factor)
+
+
 @dataclass(frozen=True)
 class ColumnInterpretation:
-    """A way to read one file of poses or positions.
+    """A way to read one file of poses, of positions, or of an encoder at a joint.
 
     Attributes:
-        joints, places, turns: how its columns are read.
+        joints, places, turns, numbers: how its columns are read, those of one number last.
         convention: in which its rotations were read so far; ``rotation``: what they hold instead.
         mirror: an axis of the instrument that points the other way.
         inverse: the poses are those of the measuring frame, seen from the platform.
         shift: the measured columns are so many rows late.
+        kind: the instrument at another joint than the sidecar says.
     """
 
     joints: ReadColumns
     places: ReadColumns
     turns: ReadColumns
+    numbers: ReadColumns
     convention: str
     rotation: str = ""
     mirror: str = ""
     inverse: bool = False
     shift: int = 0
+    kind: InstrumentKind | None = None
 
     @classmethod
     def as_declared(cls, mechanism: Mechanism, data: Dataset) -> ColumnInterpretation:
         """Return the reading of a file that is what its sidecar says."""
         planar, units = mechanism.motion.planar, data.units
         turns = QUATERNION[:3] if data.convention in QUATERNIONS else TURNS
+        number = [data.kind.number] if of_a_joint(data) else []
         return cls(
             _as_stated(data, [f"q_{a}" for a in mechanism.actuators],
                        range(len(mechanism.actuators)),
@@ -201,19 +222,35 @@ class ColumnInterpretation:
             _as_stated(data, AXES, range(2 if planar else 3), (units.length,) * 3,
                        (LENGTHS[units.length],) * 3),
             _as_stated(data, turns, (2,) if planar else range(3), (units.angle,) * 3,
-                       (ANGLES[units.angle],) * 3), data.convention)
+                       (ANGLES[units.angle],) * 3),
+            _as_stated(data, number, range(len(number)),
+                       [units.name(data.kind.quantity) for _ in number],
+                       [units.factor(data.kind.quantity) for _ in number]), data.convention)
+
+    @property
+    def sorts(self) -> tuple[ReadColumns, ...]:
+        """All its columns, sort by sort."""
+        return self.joints, self.places, self.turns, self.numbers
+
+    @property
+    def at(self) -> str:
+        """The joint that the instrument is at, where that is another one; else empty."""
+        return "" if self.kind is None else self.kind.at
 
     @property
     def parts(self) -> float:
         """How many things are read in another way; an axis is sooner mirrored than exchanged."""
-        return (self.joints.parts + self.places.parts + self.turns.parts + bool(self.rotation)
-                + bool(self.mirror) + self.inverse + (self.shift != 0))
+        return (sum(sort.parts for sort in self.sorts) + bool(self.rotation)
+                + bool(self.mirror) + self.inverse + (self.shift != 0) + (self.kind is not None))
 
     def of(self, data: Dataset) -> Dataset:
         """Return the data set read in this way."""
+        data = data if self.kind is None else at_joint(data, self.kind)
         position, rotation = self.measured(data)
+        value = self.numbers.of(data.value[:, None])[:, 0] if self.numbers.own else data.value
         return shifted_rows(replace(data, q=self.joints.of(data.q), position=position,
-                                    rotation=rotation, whole=None, place=None), self.shift)
+                                    rotation=rotation, value=value, whole=None, place=None),
+                            self.shift)
 
     def measured(self, data: Dataset) -> tuple[Array, Array]:
         """Return positions and rotation vectors (N, 3) of a data set read in this way."""
@@ -254,6 +291,10 @@ class ColumnInterpretation:
             out.append(FileFault("shifted", measured, "the measured columns are "
                                  f"{pluralize(abs(self.shift), 'row')} "
                                  f"{'behind' if late else 'ahead of'} the joint columns"))
+        out += self.numbers.mistakes("exchanged")
+        if self.kind is not None:
+            out.append(FileFault("joint", self.numbers.names,
+                                 f"the encoder is at {self.kind.at}, not at {data.kind.at}"))
         return tuple(out)
 
     def block(self, data: Dataset) -> dict[str, Any]:
@@ -263,17 +304,17 @@ class ColumnInterpretation:
         :meth:`headers` are all that is to be changed.
         """
         out = self._block(data)
-        joints, places, turns = (ReadColumns.as_declared(s.names, s.own, s.declared, s.factors)
-                                 for s in (self.joints, self.places, self.turns))
-        as_is = ColumnInterpretation(joints, places, turns, data.convention)._block(data)
-        return {} if self.headers(data) and out == as_is else out
+        joints, places, turns, numbers = (
+            ReadColumns.as_declared(s.names, s.own, s.declared, s.factors) for s in self.sorts)
+        as_is = ColumnInterpretation(joints, places, turns, numbers, data.convention)._block(data)
+        return {} if (self.headers(data) or self.kind) and out == as_is else out
 
     def headers(self, data: Dataset) -> dict[str, str]:
         """Return the file's headers with a wrong unit in them, and how to write each.
 
         Header and sidecar must not name two units.
         """
-        return {header: with_unit(header, unit) for sort in (self.joints, self.places, self.turns)
+        return {header: with_unit(header, unit) for sort in self.sorts
                 for i in sort.own for unit in [sort.units[i]]
                 for header, _ in [data.headed.get(sort.names[sort.order[i]], ("", ""))]
                 if unit and header}
@@ -283,7 +324,7 @@ class ColumnInterpretation:
         names = dict(old.get("columns", {}) if data.wide else headers)
         signs, units, every = dict[str, int](), dict[str, str](), list[str]()
         turned = self.mirror if data.wide and not data.kind.sees_rotation else ""
-        for sort in (self.joints, self.places, self.turns):
+        for sort in self.sorts:
             for i in sort.own:
                 plain, source = sort.names[i], sort.names[sort.order[i]]
                 name = data.own_column(plain)
@@ -325,9 +366,13 @@ class ColumnInterpretation:
             Entries of ``instrument.sigma``, in the sidecar's units; empty where they stay.
         """
         out: dict[str, float] = {}
-        for key, sort, miss, sigma in (("position", self.places, left[0], data.sigma_position),
-                                       ("rotation", self.turns, left[1], data.sigma_rotation)):
-            known, unit = sigma[np.isfinite(sigma) & (sigma > 0.0)], sort.units[-1]
+        turned = data.kind.quantity == "angle" if self.numbers.own else False
+        for key, sort, miss, sigma in (
+                ("position", self.places, left[0], data.sigma_position),
+                ("rotation", self.turns, left[1], data.sigma_rotation),
+                (data.kind.sigma, self.numbers, left[turned], data.sigma_value)):
+            known = sigma[np.isfinite(sigma) & (sigma > 0.0)]
+            unit = sort.units[-1] if sort.own else ""
             alike = known.size > 0 and np.ptp(known) <= 1e-9 * known[0]
             if not unit or not alike or len(set(sort.units)) > 1:
                 continue

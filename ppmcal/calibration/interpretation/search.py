@@ -26,9 +26,14 @@ from ppmcal.calibration.interpretation.candidates import (
     rotation_readings,
     whole_pose_readings,
 )
+from ppmcal.calibration.interpretation.encoders import search_encoder
 from ppmcal.calibration.interpretation.interpretation_error import FileFault
 from ppmcal.calibration.interpretation.limits import ALLOWED, FAR, LANDS
-from ppmcal.calibration.interpretation.readings import ColumnInterpretation, ReadColumns
+from ppmcal.calibration.interpretation.readings import (
+    ColumnInterpretation,
+    ReadColumns,
+    of_a_joint,
+)
 from ppmcal.calibration.interpretation.score import Score, first_order_scores, score
 from ppmcal.errors import PpmcalError
 from ppmcal.kinematics.closure import Model
@@ -59,7 +64,8 @@ NEAR_BEST = 2.5
 REGISTERED = {
     "frame": "the measuring frame is not where the sidecar has it",
     "target": "the measured point is not where the sidecar has it",
-    "target_rotation": "the measured body is turned otherwise than the sidecar says"}
+    "target_rotation": "the measured body is turned otherwise than the sidecar says",
+    "offset": "the encoder's zero is not where the sidecar has it"}
 """What a sidecar may give and be wrong about, in words, by its key."""
 
 
@@ -94,7 +100,9 @@ def ways(alone: Problem, as_read: Score) -> list[Way]:
 
 def _near_nominal(alone: Problem) -> list[ColumnInterpretation]:
     """Return the readings that come nearest to the nominal machine."""
-    ordered = iter(search_readings(alone.mechanism, alone.datasets[0]))
+    data = alone.datasets[0]
+    search = search_encoder if of_a_joint(data) else search_readings
+    ordered = iter(search(alone.mechanism, data))
     best = next((f for f in ordered if f[1].parts), None)
     if best is None:
         return []
@@ -110,6 +118,8 @@ def _near_fit(alone: Problem) -> list[ColumnInterpretation]:
     Euler angles of small turns; a row more or less on a dense path.
     """
     data = alone.datasets[0]
+    if of_a_joint(data):
+        return []
     plain = ColumnInterpretation.as_declared(alone.mechanism, data)
     readings = [*pose_readings(plain, data), *(replace(plain, shift=s) for s in SHIFTS)]
     try:
@@ -130,8 +140,9 @@ def _registrations(alone: Problem) -> Iterator[Way]:
     """Yield the problem with what the sidecar gives of its registration open instead."""
     data = alone.datasets[0]
     turns = alone.mechanism.motion.turns    # else its platform never does
-    given = [key for key in REGISTERED if not getattr(data, key).fitted and (
-        key == "frame" or turns) and (key != "target_rotation" or data.kind.sees_rotation)]
+    seen = {"frame": data.kind.of_poses, "target": data.kind.of_poses and turns,
+            "target_rotation": data.kind.sees_rotation and turns, "offset": of_a_joint(data)}
+    given = [key for key in REGISTERED if seen[key] and not getattr(data, key).fitted]
     for keys in dict.fromkeys([*((key,) for key in given), tuple(given)]) if given else ():
         opened = replace(data, **{k: replace(getattr(data, k), fitted=True) for k in keys})
         yield Way(tuple(FileFault(k.replace("_", "-"), (), REGISTERED[k]) for k in keys),

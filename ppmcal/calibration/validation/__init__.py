@@ -17,10 +17,13 @@ if TYPE_CHECKING:
     from ppmcal.calibration.validation.frozen_models import Validated as Validated
     from ppmcal.calibration.validation.frozen_models import validated as validated
     from ppmcal.calibration.validation.frozen_models import with_and_without as with_and_without
+    from ppmcal.calibration.validation.left_out_rows import UNUSED as UNUSED
     from ppmcal.calibration.validation.left_out_rows import DoubtfulStretch as DoubtfulStretch
     from ppmcal.calibration.validation.left_out_rows import LeftOut as LeftOut
     from ppmcal.calibration.validation.left_out_rows import left_out as left_out
     from ppmcal.calibration.validation.left_out_rows import thirds as thirds
+    from ppmcal.calibration.validation.left_out_rows import unused as unused
+    from ppmcal.calibration.validation.left_out_rows import unused_sentences as unused_sentences
     from ppmcal.calibration.validation.nominal_machine import DEFINITION as DEFINITION
     from ppmcal.calibration.validation.nominal_machine import before as before
     from ppmcal.calibration.validation.nominal_machine import definition as definition

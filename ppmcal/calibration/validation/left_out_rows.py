@@ -2,18 +2,20 @@
 
 A gross error hits any row. If the rows that the fit has thrown out are nearly all the first at
 their pose, or all came from one side, or lie in one corner of the workspace, it was no gross error
-that they have in common.
+that they have in common. A file of which hardly a row is used is at fault as a whole: its rows are
+asked for no pattern.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations, pairwise, product
 
 import numpy as np
 
-from ppmcal.calibration.fit import Fit, rows_with_outliers
+from ppmcal.calibration.fit import OUTLIER, Fit, rows_with_outliers
 from ppmcal.calibration.validation.residual_vectors import Residuals
 from ppmcal.inference.priors import sure
 from ppmcal.inference.shares import everywhere, in_a_part
@@ -22,10 +24,15 @@ from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
+from ppmcal.notes import Note, topic_of
 from ppmcal.units import Angle, Finite, Length, OfUnit
 from ppmcal.wording import pluralize
 from ppmcal.wording.progress import stage
 
+UNUSED = "unused data"
+"""Topic of a data set of which hardly a row is used."""
+HARDLY_ANY = 0.1
+"""Of a data set's rows: of one of which no more are in use a result says nothing."""
 THIRDS = 3
 STRETCHES = 8
 """Parts of a joint's travel, which overlap: what is worn in one of them hits the rows there."""
@@ -89,8 +96,9 @@ def left_out(fit: Fit) -> LeftOut:
     or those with a pattern; patterns of circumstances, of stretches and of places are as likely,
     and so are all of a kind.
     """
-    gone, datasets = fit.outliers, fit.problem.datasets
-    used = rows_with_outliers(fit)
+    datasets, none = fit.problem.datasets, unused(fit)
+    gone, used = ([m & (i not in none) for i, m in enumerate(masks)]
+                  for masks in (fit.outliers, rows_with_outliers(fit)))
     # what hits a pose hits all its rows: what they have in common they have once
     poses = [_one_of_each(u, g, d.groups) for u, g, d in zip(used, gone, datasets, strict=True)]
     every = [_counts(mine, gone) for mine in (used, poses)]
@@ -111,6 +119,29 @@ def left_out(fit: Fit) -> LeftOut:
     count, rows = every[0]
     return LeftOut(count, rows, sure(everywhere(count, rows)), follows, share, odds / (1.0 + odds),
                    stretch)
+
+
+def unused(fit: Fit) -> list[int]:
+    """Return the data sets of which a fit uses hardly a row, where it uses others."""
+    hardly = [i for i, keep in enumerate(fit.keep)
+              if keep.size and keep.mean() <= HARDLY_ANY]
+    return hardly if len(hardly) < len(fit.keep) else []
+
+
+def unused_sentences(fit: Fit) -> list[Note]:
+    """Return which data sets hardly a row is used of, why, and what to look at."""
+    out = []
+    for i in unused(fit):
+        data, count = fit.problem.datasets[i], int(fit.keep[i].sum())
+        (reason, _), = Counter(fit.reasons[i].values()).most_common(1)
+        if topic_of(reason) == OUTLIER:
+            reason = "they contradict the other files, and no other way to read them was found"
+        rows = pluralize(len(data), "row")
+        many = f"only {count} of {rows}" if count else f"none of {rows}"
+        out.append(Note(f"{data.name}: {many} {'are' if count > 1 else 'is'} used ({reason}); "
+                        "check what was measured there, and the units and signs of its columns",
+                        topic=UNUSED))
+    return out
 
 
 def _counts(mine: Sequence[Bools], gone: Sequence[Bools]) -> tuple[int, int]:

@@ -21,7 +21,7 @@ from ppmcal.calibration.knowledge import (
     pulled_apart,
     with_chosen_freedoms,
 )
-from ppmcal.calibration.validation import Identification
+from ppmcal.calibration.validation import UNUSED, Identification, unused_sentences
 from ppmcal.codec import encoded
 from ppmcal.commands.diagnose.options import DiagnoseArguments
 from ppmcal.commands.identify.run import (
@@ -70,7 +70,7 @@ from ppmcal.model.dataset import Dataset
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.sessions import one_session, session_masks
-from ppmcal.notes import FINDING, NOTE, Note, topic_of
+from ppmcal.notes import FINDING, NOTE, Note, about, topic_of
 from ppmcal.store.inputs import current
 from ppmcal.store.output import Content, Output
 from ppmcal.store.provenance import Provenance, source_of
@@ -224,13 +224,15 @@ class DiagnosisResult(Result):
 
     def remarks(self) -> Sequence[str]:
         """Return the verdict, a finding unless it is none or named, and the findings."""
-        level = NOTE if self.verdict in ("none", "named") else FINDING
+        sound = self.verdict in ("none", "named") and not self.record.unused
+        level = NOTE if sound else FINDING
         return [Note(self.headline(), level), *self.findings]
 
     @property
     def warnings(self) -> list[str]:
         """What needs a look."""
-        return list(self.record.findings)
+        told = about(self.record.findings, (UNUSED,))     # by the headline
+        return [f for f in self.record.findings if f not in told]
 
     def told(self) -> Iterator[Told]:
         """Yield the verdict, what was found and how sure it is, and what to measure next."""
@@ -277,7 +279,8 @@ def run(asked: DiagnoseArguments) -> DiagnosisResult:
               *secondary(TOLERATED, lambda: list(noise_beyond_tolerances(
                   fit, [d.estimated for d in filed])), [], extra),
               *secondary(APART, lambda: pulled_apart(fit, filed), [], extra)]
-    found = replace(found, findings=(*units, *beside, *found.findings, *extra),
+    found = replace(found, findings=(
+        *unused_sentences(fit), *units, *beside, *found.findings, *extra),
                     identification=replace(found.identification, campaign=campaign))
     found = replace(found, proposal=with_poses(found.proposal, campaign))
     source = source_of("diagnose", [*machine.inputs, *data_files(datasets)], seed)

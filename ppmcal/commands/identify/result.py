@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ppmcal.calibration.fit import Noise
 from ppmcal.calibration.knowledge import FreedomChoice, Identifiability
-from ppmcal.calibration.validation import Identification, Residuals
+from ppmcal.calibration.validation import UNUSED, Identification, Residuals
 from ppmcal.commands.inputs import imports_behind
 from ppmcal.commands.result import Result
 from ppmcal.controllers import own_words
@@ -28,6 +28,7 @@ from ppmcal.io.results.identification_wording import (
 from ppmcal.io.results.parts import campaign_sentences
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import about
 from ppmcal.store.output import Content
 from ppmcal.wording import abbreviate_list, number, pluralize
 from ppmcal.wording.told import Findings, ShortTable, Told
@@ -194,6 +195,8 @@ class IdentificationResult(Result):
         rows = sum(int(k.sum()) for k in fit.keep)
         open_ = len(found.columns) - len(fit.problem.free)
         more = f" and {open_} of frames and targets" if open_ else ""
+        unused = about(record.all_findings(), (UNUSED,))
+        yield Findings(unused)
         yield from self.notes
         yield (f"{record.name}: {len(fit.problem.free)} parameters{more} from {rows} rows, "
                f"{pluralize(fit.iterations, 'iteration')}; rank {found.rank} of "
@@ -207,7 +210,8 @@ class IdentificationResult(Result):
         yield from open_sentences(record.collinear, record.scale)
         yield from flat_sentences(record.flats)
         yield from campaign_sentences(record.campaign)
-        yield Findings(record.all_findings())    # above the rows left out
+        # above the rows left out
+        yield Findings([f for f in record.all_findings() if f not in unused])
         yield from row_sentences(record.gross_errors, record.would_be, found.mechanism)
         yield from unchecked_sentences(record.unchecked)
 

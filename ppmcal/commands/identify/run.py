@@ -45,7 +45,7 @@ from ppmcal.calibration.knowledge import (
     with_chosen_freedoms,
     with_held,
 )
-from ppmcal.calibration.validation import Identification, report
+from ppmcal.calibration.validation import Identification, report, unused, unused_sentences
 from ppmcal.commands.identify.options import IdentifyArguments
 from ppmcal.commands.identify.result import IdentificationResult
 from ppmcal.commands.inputs import data_files, datasets_of, prepared, started
@@ -118,6 +118,7 @@ def run(asked: IdentifyArguments) -> IdentificationResult:
         held = set(as_filed.free) - set(problem.free)
         found = report(fit, options, fraction, seed, other, asked.leave_out,
                        [machine.names[p] for p in held])
+        _refuse_wandering(fit, found, options)
         if chosen == "prior":
             refuse_other_machine(found.fit)
     start_stage("judging the campaign")
@@ -150,7 +151,8 @@ def run(asked: IdentifyArguments) -> IdentificationResult:
                         extra),
              *secondary("the offsets of encoders", lambda: list(offset_sentences(found)), [],
                         extra), *([choice_sentence(choice)] if choice else [])]
-    whole = replace(found, findings=(*notes, *units, *beside, *extra, *found.findings),
+    whole = replace(found, findings=(
+        *unused_sentences(found.fit), *notes, *units, *beside, *extra, *found.findings),
                     earlier=before, campaign=campaign)
     return IdentificationResult(source, tuple(whole.findings), whole, chosen, tuple(told),
                                 choice)
@@ -166,9 +168,10 @@ def when_refused(error: PpmcalError, _: IdentifyArguments, __: Path | None) -> R
 
 def scale_sentences(found: Identification) -> Iterator[Note]:
     """Yield what each data set shows of true lengths, where that was fitted, with 95 %."""
-    fit, names = found.fit, list(found.columns)
-    for data, registration in zip(fit.problem.datasets, fit.state.registrations, strict=True):
-        if data.scale.fitted:
+    fit, names, none = found.fit, list(found.columns), unused(found.fit)
+    for i, (data, registration) in enumerate(zip(fit.problem.datasets, fit.state.registrations,
+                                                 strict=True)):
+        if data.scale.fitted and i not in none:
             place = names.index(f"scale of {data.name}")
             sigma = float(np.sqrt(found.covariance[place, place]))
             half = coverage(fit) * sigma
@@ -181,10 +184,11 @@ def scale_sentences(found: Identification) -> Iterator[Note]:
 
 def offset_sentences(found: Identification) -> Iterator[Note]:
     """Yield what each encoder at a joint reads more than is true, where fitted, with 95 %."""
-    fit, names = found.fit, list(found.columns)
-    for data, at in zip(fit.problem.datasets, fit.state.registrations, strict=True):
+    fit, names, none = found.fit, list(found.columns), unused(found.fit)
+    for i, (data, at) in enumerate(zip(fit.problem.datasets, fit.state.registrations,
+                                       strict=True)):
         own = [n for n in names if n.startswith("offset.") and n.endswith(f" of {data.name}")]
-        if data.offset.fitted and own:
+        if data.offset.fitted and own and i not in none:
             place, units = names.index(own[0]), data.units
             half = coverage(fit) * float(np.sqrt(found.covariance[place, place]))
             yield Note(f"{data.name}: the encoder at {data.kind.at} reads "
@@ -327,7 +331,22 @@ def _refuse_unconverged(fit: Fit, options: FitOptions) -> None:
                        "where you want, or the prior (--method prior)")
     if noise_check(fit).failed:
         refuse_columns(fit)
-        raise NoResult(f"the fit did not converge: {fit.reached}",
-                       ", ".join(d.source for d in fit.problem.datasets),
-                       "Run check on machine and data: units, order of columns, poses that tell "
-                       "the parameters apart; or free fewer parameters, or try more --iterations")
+        raise _unconverged(fit, fit.reached)
+
+
+def _refuse_wandering(fit: Fit, found: Identification, options: FitOptions) -> None:
+    """Refuse a fit that finds no minimum once its rows are as noisy as they show themselves to be.
+
+    Raises:
+        NoResult: with that noise.
+    """
+    if fit.converged and not found.fit.converged and not options.iterations:
+        raise _unconverged(fit, f"with rows {found.inflation:.3g} times as noisy as stated, which "
+                           "is what they leave, it does not come to a minimum")
+
+
+def _unconverged(fit: Fit, reached: str) -> NoResult:
+    return NoResult(f"the fit did not converge: {reached}",
+                    ", ".join(d.source for d in fit.problem.datasets),
+                    "Run check on machine and data: units, order of columns, poses that tell "
+                    "the parameters apart; or free fewer parameters, or try more --iterations")

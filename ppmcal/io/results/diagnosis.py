@@ -10,7 +10,7 @@ import numpy as np
 
 from ppmcal.calibration.interpretation import plain_mistakes
 from ppmcal.calibration.knowledge import coverage
-from ppmcal.calibration.validation import definition, residuals
+from ppmcal.calibration.validation import definition, residuals, unused_sentences
 from ppmcal.codec import in_units, unsaid
 from ppmcal.diagnosis import other_days
 from ppmcal.diagnosis.hypotheses import Untestable
@@ -46,7 +46,8 @@ class DiagnosisRecord(Record):
     so many ``rows``; ``serial_correlation``: of the noise from row to row. ``rms_ratio``: what is
     left over the noise; ``follows``: what the likeliest unknown cause in it looks like, ``known``:
     probability that there is none; ``p_value``: null. ``next_reason``: what to measure next, with
-    the rivals' odds before and after, or without a ``next_file`` what to do instead.
+    the rivals' odds before and after, or without a ``next_file`` what to do instead. ``unused``:
+    sentences on data sets of which hardly a row is used, where there are some.
     """
 
     FILE: ClassVar[str] = OtherModels.FILE
@@ -85,6 +86,7 @@ class DiagnosisRecord(Record):
     odds_after: Annotated[Shown | None, Key("next_measurements.odds_after")] = None
     excluded: tuple[LeftOutRow, ...] = ()
     findings: tuple[Text, ...] = ()
+    unused: tuple[Text, ...] = ()
     campaign: CampaignSummary | None = None
     other_models: tuple[OtherModel, ...] = ()
     sets: tuple[TriedSet, ...] = ()
@@ -123,6 +125,7 @@ class DiagnosisRecord(Record):
             next_rows=wanted.rows, odds_before=wanted.odds_before, odds_after=wanted.odds_after,
             excluded=excluded_rows(fit),
             findings=(*result.identification.mechanism.findings, *result.findings),
+            **({"unused": tuple(unused)} if (unused := unused_sentences(fit)) else {}),
             campaign=CampaignSummary.of(result.identification.campaign, units),
             other_models=tuple(OtherModel.of(name, other) for name, other in other_files(result)),
             sets=TriedSet.each(result),

@@ -21,10 +21,10 @@ from ppmcal.wording import (
 
 VERDICTS = {
     "misread": "The measurements were read wrongly; nothing was diagnosed.",
-    "none": "No missing effect is detectable in these data.",
+    "none": "No missing effect is detectable in {data}.",
     "weak": "Something may be missing, but it is too weak to be named.",
     "named": "The missing effect is named.",
-    "named-set": "Something is missing; these data cannot tell a few effects apart.",
+    "named-set": "Something is missing; {data} cannot tell a few effects apart.",
     "partial": "Part of what is missing is named; something else is left.",
     "unnamed": "Something is missing that ppmcal does not know.",
 }
@@ -35,10 +35,11 @@ Group = Sequence[DiagnosedEffect]
 
 def verdict(record: DiagnosisRecord) -> str:
     """Return the verdict as a sentence, empty where there is none."""
-    if record.verdict == "named" and len(together(record)) > 1:
-        return "The missing effects are named."
     unknown = f"Verdict: {record.verdict}." if record.verdict else ""
-    return VERDICTS.get(record.verdict, unknown)
+    several = record.verdict == "named" and len(together(record)) > 1
+    text = "The missing effects are named." if several else VERDICTS.get(record.verdict, unknown)
+    said = text.format(data="the other data" if record.unused else "these data")
+    return " ".join([*(f"{sentence}." for sentence in record.unused), said]).strip()
 
 
 def headline(record: DiagnosisRecord) -> str:

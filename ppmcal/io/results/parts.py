@@ -208,9 +208,10 @@ class MisreadingEntry(Part):
 
     ``read``: the sidecar's block that corrects all mistakes of that file; null where only the user
     can; ``sigma``: entries of its ``instrument.sigma`` that belong to that, in its units;
-    ``headers``: of the file -> those to write in their place, where the unit stands in them.
-    ``rows``: where not all; ``residual``: half of the rows miss by more, of the
-    nominal machine at its best registration.
+    ``headers``: of the file -> those to write in their place, where the unit stands in them;
+    ``at``: the joint to write as its ``instrument.at``, where that is another one. ``rows``: where
+    not all; ``residual``: half of the rows miss by more, of the nominal machine at its best
+    registration.
     """
 
     file: Text = ""
@@ -222,6 +223,7 @@ class MisreadingEntry(Part):
     text: Text = ""
     sigma: Mapping[str, float] | None = None
     headers: Mapping[str, str] | None = None
+    at: Text | None = None
 
 
 def misreading_entries(found: Sequence[Interpretation], units: Units
@@ -235,6 +237,7 @@ def misreading_entries(found: Sequence[Interpretation], units: Units
         out += [MisreadingEntry.filled(
             m, file=one.source, rows=m.rows or None, read=one.block,
             residual=miss if known else None, text=m.text + one.otherwise * (m is one.mistakes[-1]),
-            sigma=dict(one.sigma) or None, headers=dict(one.headers) or None)
+            sigma=dict(one.sigma) or None, headers=dict(one.headers) or None,
+            **({"at": one.at} if one.at else {}))
             for m in one.mistakes]
     return tuple(out)

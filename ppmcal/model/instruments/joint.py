@@ -14,7 +14,23 @@ from ppmcal.model.instruments.kind import InstrumentKind, register
 from ppmcal.model.limbs.passive_joints import joints_of
 
 if TYPE_CHECKING:
-    from ppmcal.model.mechanism import Mechanism
+    from ppmcal.model.limbs.passive_joints import EncoderJoint
+    from ppmcal.model.mechanism import Limb, Mechanism
+
+
+def _is_ball(joint: EncoderJoint, limb: Limb) -> bool:
+    return joint.unless in limb.constants
+
+
+def _lacks_axis(joint: EncoderJoint, limb: Limb) -> bool:
+    return bool(joint.needs) and joint.needs not in limb.constants
+
+
+def _joints(mechanism: Mechanism) -> list[str]:
+    """Return the joints of a machine that an encoder can be at, limb by limb."""
+    return [f"{limb.name}.{name}" for limb in mechanism.limbs
+            for name, joint in joints_of(limb.kind).items()
+            if not _is_ball(joint, limb) and not _lacks_axis(joint, limb)]
 
 
 def _placed(at: str, mechanism: Mechanism, place: str) -> int:
@@ -35,10 +51,10 @@ def _placed(at: str, mechanism: Mechanism, place: str) -> int:
                        f"'{name}' that one angle or length tells of", place,
                        f"Choose one of: {there}" if there else "Choose another limb")
     joint = joints[name]
-    if joint.unless in limb.constants:
+    if _is_ball(joint, limb):
         raise BadInput(f"{at} is a ball: {limb_name} has its universal joint on the platform",
                        place, "Choose another joint")
-    if joint.needs and joint.needs not in limb.constants:
+    if _lacks_axis(joint, limb):
         raise BadInput(f"{at} is a universal joint, and the mechanism file does not say how its "
                        "first axis lies, about which an encoder turns", place,
                        f"Give {limb_name} the direction {joint.needs}, such as "
@@ -49,4 +65,4 @@ def _placed(at: str, mechanism: Mechanism, place: str) -> int:
 JOINT = register(InstrumentKind(
     "joint", lambda motion: (5,), "value", frame_parts=lambda motion, between: (),
     target_parts=lambda motion, relative: (), opened=(), sigma="value", placed=_placed,
-    assumed={"frame": "known", "target": "known"}))
+    joints=_joints, assumed={"frame": "known", "target": "known"}))

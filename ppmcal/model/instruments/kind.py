@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -62,6 +62,7 @@ class InstrumentKind:
             frame and body, which of these two are open -> these two, from which a fit starts.
         placed: of a kind that is at a joint of a limb: the name of the joint, the machine, the
             place in the file -> which coordinate it stands in the place of. ``at``: that joint.
+            ``joints``: the machine -> the names of all that it may be at.
         assumed: what the sidecar need not say. ``refused``: motion, direction of weight in base
             axes -> why it tells nothing of such a machine, and what to do; empty: it does.
     """
@@ -83,6 +84,7 @@ class InstrumentKind:
     aligned: Callable[[Array, Array, tuple[Array, Array], tuple[bool, bool]],
                       tuple[Array, Array]] | None = None
     placed: Callable[[str, Mechanism, str], int] | None = None
+    joints: Callable[[Mechanism], Sequence[str]] = lambda mechanism: ()
     at: str = ""
     assumed: Mapping[str, str] = field(default_factory=dict)
     refused: Callable[[Motion, Array], tuple[str, str]] | None = None
@@ -160,6 +162,12 @@ class InstrumentKind:
                                "Take it out, or write `kind: joint`")
             return self
         return _at_joint(self, at or "", self.placed(at or "", mechanism, place))
+
+    def elsewhere(self, mechanism: Mechanism) -> Iterator[InstrumentKind]:
+        """Yield the kind at each other joint of the machine that it may be at."""
+        for at in self.joints(mechanism):
+            if at != self.at:
+                yield self.located(at, mechanism, mechanism.source)
 
     def sigma_of(self, sigmas: object) -> float | None:
         """Return what the mapping ``sigmas`` of a file says under the kind's own key."""
