@@ -26,7 +26,8 @@ HINTS = {
     "zero": "Correct these joints' offsets, or give `offset` tolerances of that size: the fit "
             "finds offsets then",
     **{key.replace("_", "-"): f"Write into the sidecar: `{key}: unknown`"
-       for key in ("frame", "target", "target_rotation", "offset")}}
+       for key in ("frame", "target", "target_rotation")},
+    "offset": "Write into the sidecar: `instrument: {offset: unknown}`"}
 """What only the user can correct, by kind of mistake."""
 PLAIN = ("stale", "outside-limits")
 """Kinds that name their rows and are not another reading of them."""
