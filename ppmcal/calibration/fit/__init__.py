@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.flatness import Flat as Flat
     from ppmcal.calibration.fit.flatness import flats as flats
     from ppmcal.calibration.fit.gauge import by_defining as by_defining
+    from ppmcal.calibration.fit.gauge import mirror_images as mirror_images
     from ppmcal.calibration.fit.gauge import seen_from_frames as seen_from_frames
     from ppmcal.calibration.fit.gauge import with_gauge as with_gauge
     from ppmcal.calibration.fit.gauss_newton import CONVERGED as CONVERGED

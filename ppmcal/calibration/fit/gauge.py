@@ -68,7 +68,9 @@ def _mirror(mechanism: Mechanism) -> Note | None:
 
     Limbs exchanged across a plane of symmetry of the drawing make the mirror image.
     """
-    pairs = [f"{one} with {two}" for one, two in _pairs(mechanism)]
+    names = [limb.name for limb in mechanism.limbs]
+    pairs = [f"{names[i]} with {names[j]}" for image in mirror_images(mechanism)[:1]
+             for i, j in enumerate(image) if i < j]
     if not pairs and not mechanism.motion.planar:
         return None
     also = f"; with {', '.join(pairs)} exchanged they fit as well" * bool(pairs)
@@ -76,12 +78,12 @@ def _mirror(mechanism: Mechanism) -> Note | None:
                 f"limbs in the mechanism file decides{also} (gauge).", NOTE, "gauge")
 
 
-def _pairs(mechanism: Mechanism) -> list[tuple[str, str]]:
-    """Return the limbs that a plane of symmetry of the drawing exchanges, across x, y or z."""
+def mirror_images(mechanism: Mechanism) -> list[list[int]]:
+    """Return by each plane of symmetry of the drawing, across x, y or z, each limb's image."""
     values = [(limb.kind, limb.slots.values(mechanism.values)) for limb in mechanism.limbs]
     ends = np.array([[[v.get(f"{kind.point(end)}.{a}", np.nan if a == "x" else 0.0) for a in "xyz"]
                       for end in ("base", "platform")] for kind, v in values])
-    away = ends - ends.mean(axis=0)
+    away, out = ends - ends.mean(axis=0), []
     for axis in range(mechanism.motion.axes):
         image = away * np.where(np.arange(3) == axis, -1.0, 1.0)
         apart = np.abs(image[:, None] - away[None]).max(axis=(2, 3), initial=0.0)
@@ -90,9 +92,8 @@ def _pairs(mechanism: Mechanism) -> list[tuple[str, str]]:
         other = np.argmin(apart, axis=1)
         same = apart[np.arange(len(other)), other] < UNSEEN * mechanism.reach
         if same.all() and (other != np.arange(len(other))).any():
-            names = [limb.name for limb in mechanism.limbs]
-            return [(names[i], names[j]) for i, j in enumerate(other.tolist()) if i < j]
-    return []
+            out.append(other.tolist())
+    return out
 
 
 def by_defining(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[int]) -> Array:

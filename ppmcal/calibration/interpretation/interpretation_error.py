@@ -69,7 +69,9 @@ class Interpretation:
             the sidecar has no say in these.
         sigma: entries of the sidecar's ``instrument.sigma`` that are in the columns' unit too.
         at: the joint that is to be the sidecar's ``instrument.at``; empty where that is right.
-        alternatives: other mistakes that explain the file as well, and change no more of it.
+        alternatives: other mistakes that explain the file as well, and change no more of it;
+            ``alternative_blocks``: as ``block``, where each of them has one of its own;
+            ``alike``: what they have in common with the mistakes, in words.
         right: the data set read so, None where nothing was compared.
     """
 
@@ -85,11 +87,14 @@ class Interpretation:
     right: Dataset | None = field(default=None, compare=False, repr=False)
     headers: Mapping[str, str] = field(default_factory=dict)
     at: str = ""
+    alternative_blocks: tuple[dict[str, object], ...] = ()
+    alike: str = ""
 
     @property
     def otherwise(self) -> str:
         """The alternatives in words, to be put behind those of the mistakes; empty without any."""
-        return "".join(", or: " + " and ".join(m.text for m in way) for way in self.alternatives)
+        others = "".join(", or: " + " and ".join(m.text for m in way) for way in self.alternatives)
+        return f"{others}; {self.alike}" if self.alike else others
 
 
 class InterpretationError(NoResult):
@@ -212,10 +217,12 @@ def _sidecar_lines(found: Interpretation) -> str:
     """Return the lines for the sidecar of one file, with why its sigma is among them."""
     lines = [f"`read: {block_text(found.block)}`"] if found.block else []
     lines += [f"`instrument: {{at: {found.at}}}`"] if found.at else []
+    instead = "".join(f", or instead `read: {block_text(other)}`"
+                      for other in found.alternative_blocks)
     if not found.sigma:
-        return " and ".join(lines)
+        return " and ".join(lines) + instead
     # digits without an exponent: every reader of YAML takes them for a number
     sigma = ", ".join(f"{k}: {np.format_float_positional(v, trim='-')}"
                       for k, v in found.sigma.items())
     return (f"{' and '.join(lines)} and, as sigma is in the unit of the columns too, "
-            f"`instrument: {{sigma: {{{sigma}}}}}`")
+            f"`instrument: {{sigma: {{{sigma}}}}}`{instead}")

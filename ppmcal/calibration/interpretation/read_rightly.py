@@ -17,15 +17,16 @@ from functools import partial
 
 import numpy as np
 
-from ppmcal.calibration.fit import Fit, Problem, State, distances, identify, shown
+from ppmcal.calibration.fit import Fit, Problem, State, identify, shown
 from ppmcal.calibration.interpretation.assembly import other_assembly
 from ppmcal.calibration.interpretation.interpretation_error import (
     FileFault,
     Interpretation,
     InterpretationError,
 )
+from ppmcal.calibration.interpretation.joint_columns import fit_score, refuse_read_otherwise
 from ppmcal.calibration.interpretation.joint_zeros import zeros_elsewhere
-from ppmcal.calibration.interpretation.joints_alone import refuse_exchanged, refuse_joints_alone
+from ppmcal.calibration.interpretation.joints_alone import refuse_joints_alone
 from ppmcal.calibration.interpretation.limits import (
     ALLOWED,
     AS_GOOD,
@@ -288,7 +289,7 @@ def refuse_after_fit(fit: Fit) -> None:
     Raises:
         InterpretationError: with how they are to be read.
     """
-    found = _score_of(fit)
+    found = fit_score(fit)
     if found.noise > TELLING or left_out_whole(fit) or found.geometry > FAR:
         refuse_columns(fit)
     _refuse(wrong_rows(fit), fit.problem)
@@ -301,19 +302,13 @@ def refuse_columns(fit: Fit) -> None:
         InterpretationError: with how they are to be read.
     """
     # what effects leave contradicts a machine as smoothly as a few constants do, which imitate it
-    beyond = _score_of(fit).total > WORST**0.5
+    beyond = fit_score(fit).total > WORST**0.5
     if beyond:
         _refuse(zeros_elsewhere(fit.problem), fit.problem)
     _refuse(_misreadings(replace(fit.problem, earlier=None), left_out_whole(fit)), fit.problem)
     if beyond:
         _refuse(other_assembly(fit.problem), fit.problem)
-    refuse_exchanged(fit)
-
-
-def _score_of(fit: Fit) -> Score:
-    """Return what a fit of all rows leaves of them, and by how much it moves the geometry."""
-    return Score(noise=distances(fit.problem, fit.state).times(fit.keep),
-                 geometry=rms(tolerances_away(fit.problem, fit.state)))
+    refuse_read_otherwise(fit)
 
 
 def other_machine(problem: Problem, state: State) -> Interpretation | None:

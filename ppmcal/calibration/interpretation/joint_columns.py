@@ -1,0 +1,267 @@
+"""Columns of joint values alone that are not what they are read as: exchanged, in other units.
+
+Nothing measures the platform then. But limbs in surplus contradict each other by what noise and
+tolerances of the nominal machine explain, if the columns are read rightly; in another unit, or in
+each other's place, by far more. That goes for the unit of all of them too: such data do not see the
+size of a machine, but its drawing has it. What tolerances are wide enough to explain shows in a
+fit: it leaves more, or ends farther from nominal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from ppmcal.calibration.fit import (
+    Fit,
+    Problem,
+    distances,
+    gap_noise,
+    identify,
+    mirror_images,
+)
+from ppmcal.calibration.interpretation.candidates import joint_readings
+from ppmcal.calibration.interpretation.interpretation_error import (
+    Interpretation,
+    InterpretationError,
+)
+from ppmcal.calibration.interpretation.limits import LANDS, TELLING
+from ppmcal.calibration.interpretation.readings import ColumnInterpretation
+from ppmcal.calibration.interpretation.score import Score, rms, score, tolerances_away
+from ppmcal.errors import PpmcalError
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import newton
+from ppmcal.kinematics.inverse import inverse
+from ppmcal.kinematics.least_squares_closure import with_gaps
+from ppmcal.linalg import Array, finite_rows
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording import number
+
+ROWS = 60
+"""Rows that are looked at, evenly spread."""
+MANY = 1.0 / 3.0
+"""Of rows with a contradiction: fewer are gross errors, which the fit leaves out by itself."""
+FITS = 6
+"""Ways to read columns that are fitted, at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class AgainstNominal:
+    """Rows of one data set against the nominal machine: q (n, k), and by how much it may be off.
+
+    ``allowed``: (n,) what noise and tolerances leave of the limbs' contradiction, m.
+    """
+
+    model: Model
+    q: Array
+    allowed: Array
+
+    def times(self, q: Array) -> tuple[Array, Array]:
+        """Return contradictions (n,), m, and in parts of what is allowed; inf without a pose."""
+        pose = self.pose(self.model, q)
+        with np.errstate(invalid="ignore"):
+            gap = np.linalg.norm(self.model.closure(q).lengths(pose), axis=1)
+        gap = np.where(np.isfinite(gap), gap, np.inf)
+        return gap, gap / self.allowed
+
+    def pose(self, model: Model, q: Array) -> Array:
+        """Return the poses (n, 8) where the limbs contradict each other least, nan without."""
+        home = np.tile(model.mechanism.home, (len(q), 1))
+        pose, good, _ = newton(model.closure(q), home)
+        return np.where(good[:, None], pose, np.nan)
+
+
+def against_nominal(problem: Problem, data: Dataset) -> AgainstNominal | None:
+    """Return rows against the nominal machine, None where it says nothing of them."""
+    mechanism = replace(problem.mechanism.nominal(), effects=())
+    q = data.q[finite_rows(data.q)]
+    q = q[np.linspace(0, len(q) - 1, min(len(q), ROWS)).astype(int)] if len(q) else q
+    if len(q) < 3 or any(mechanism.parameters[p].prior_sigma is None for p in mechanism.free):
+        return None
+    model = Model(mechanism)
+    rows = AgainstNominal(model, q, np.ones(len(q)))
+    pose = rows.pose(model, q)
+    # limbs close with these joint values; what was read may be in another unit, and far from it
+    closed = np.full_like(q, np.nan)
+    known = finite_rows(pose)
+    if known.any():
+        closed[known] = inverse(model, pose[known]).q
+    good = finite_rows(closed)
+    if not good.any():
+        return None
+    # what the tolerances leave where there is a pose; elsewhere the most of them
+    sigma = np.array([mechanism.parameters[p].prior_sigma or 0.0 for p in mechanism.free])
+    closure, at = model.closure(closed[good], mechanism.free), pose[good]
+    moved = np.concatenate([closure.error_matrix(at, mechanism.free) * sigma,
+                            with_gaps(closure.joint_matrix(at) * data.sigma_actuator,
+                                      gap_noise(mechanism, data))], axis=-1)
+    allowed = np.full(len(q), np.linalg.norm(moved, axis=(-2, -1)).max())
+    allowed[good] = np.linalg.norm(moved, axis=(-2, -1))
+    return replace(rows, allowed=allowed)
+
+
+@dataclass(frozen=True, eq=False)
+class _RankedReading:
+    """One way to read the columns, and how far limbs contradict each other then.
+
+    ``part``, ``gap``: the median of it, in parts of what is allowed and m.
+    """
+
+    part: float
+    gap: float
+    reading: ColumnInterpretation
+
+
+def _ways(rows: AgainstNominal, data: Dataset) -> list[_RankedReading]:
+    """Return single changes of how columns are read that the tolerances allow, best first.
+
+    What makes no difference, as a sign of which limbs see the square, is none of them; nor is a
+    unit in which all are so small that tolerances explain any rows, mixed-up ones too.
+    """
+    mechanism = rows.model.mechanism
+    plain, as_read = ColumnInterpretation.as_declared(mechanism, data), rows.times(rows.q)[0]
+    out = []
+    for joints in joint_readings(mechanism, data)[1:]:
+        q = joints.of(rows.q)
+        gap, times = rows.times(q)
+        part = float(np.median(times))
+        if part > LANDS or np.allclose(gap, as_read, rtol=1e-6):
+            continue
+        if not any(joints.units) or np.median(rows.times(_rolled(q))[1]) > max(
+                1.0, TELLING * part):
+            out.append(_RankedReading(part, float(np.median(gap)), replace(plain, joints=joints)))
+    return sorted(out, key=lambda w: w.part)
+
+
+def _rolled(q: Array) -> Array:
+    """Return joint values (n, k) of which each is of another row, with no pose in common."""
+    n, k = q.shape
+    return np.stack([np.roll(q[:, i], i * n // k) for i in range(k)], axis=1)
+
+
+def refuse_joint_columns(problem: Problem, data: Dataset) -> AgainstNominal | None:
+    """Refuse columns with which limbs contradict each other far more than if read otherwise.
+
+    Returns:
+        The rows against the nominal machine, where they contradict it and no other reading does
+        better; else None.
+
+    Raises:
+        InterpretationError: with how they are to be read.
+    """
+    rows = against_nominal(problem, data)
+    if rows is None:
+        return None
+    gap, times = rows.times(rows.q)
+    if np.mean(times > LANDS) <= MANY:
+        return None
+    units, mechanism = problem.mechanism.units, problem.mechanism
+    found = [w for w in _ways(rows, data) if w.part * TELLING <= np.median(times)]
+    _refuse(mechanism, data, [
+        (w.reading, f"limbs contradict each other by {units.words(w.gap, 'length')} then, not by "
+                    f"{units.words(float(np.median(gap)), 'length')}")
+        for w in found if w.part <= TELLING * found[0].part])
+    return rows
+
+
+def refuse_read_otherwise(fit: Fit) -> None:
+    """Refuse joint values alone that a fit explains far better with columns read otherwise.
+
+    By the noise that it leaves, and by how far it moves the geometry. The nominal machine need not
+    tell them: of one surplus a row its tolerances may explain either.
+
+    Raises:
+        InterpretationError: with the columns.
+    """
+    problem, left = fit.problem, fit_score(fit)
+    if not _kept(fit):
+        return
+    for i, data in enumerate(problem.datasets):
+        rows = against_nominal(problem, data) if data.kind.blind else None
+        found = []
+        for way in [] if rows is None else _ways(rows, data)[:FITS]:
+            other = _fitted(fit, i, way.reading, left)
+            if other is not None and other.total * TELLING <= left.total:
+                found.append((other, way.reading))
+        found.sort(key=lambda f: f[0].total)
+        _refuse(problem.mechanism, data, [
+            (way, _better(other, left)) for other, way in found
+            if other.total <= TELLING * found[0][0].total])
+
+
+def _fitted(fit: Fit, index: int, way: ColumnInterpretation, left: Score) -> Score | None:
+    """Return what a fit leaves with one data set read otherwise, None without a sound one.
+
+    A short fit of some rows is asked first: one of columns that are read wrongly takes long.
+    """
+    datasets = list(fit.problem.datasets)
+    datasets[index] = way.of(datasets[index])
+    problem = replace(fit.problem, datasets=tuple(datasets), pivots=None, given=None)
+    if not score(problem).total * TELLING <= left.total:
+        return None
+    try:
+        other = identify(problem)
+    except PpmcalError:
+        return None
+    return fit_score(other) if other.converged and _kept(other) >= _kept(fit) else None
+
+
+def fit_score(fit: Fit) -> Score:
+    """Return what a fit of all rows leaves of them, and by how much it moves the geometry."""
+    return Score(noise=distances(fit.problem, fit.state).times(fit.keep),
+                 geometry=rms(tolerances_away(fit.problem, fit.state)))
+
+
+def _kept(fit: Fit) -> int:
+    """Return how many rows a fit uses."""
+    return sum(int(np.count_nonzero(k)) for k in fit.keep)
+
+
+def _better(other: Score, left: Score) -> str:
+    """Return in words what falls most: what is left, or how far the geometry moves."""
+    if left.noise * other.geometry >= other.noise * left.geometry:
+        return (f"residuals are {number(other.noise, 3)} times the noise then, not "
+                f"{number(left.noise, 3)} times")
+    return (f"the geometry is {number(other.geometry, 2)} tolerances from nominal then (RMS), not "
+            f"{number(left.geometry, 3)}")
+
+
+# --- in words -------------------------------------------------------------------------------------
+
+def _refuse(mechanism: Mechanism, data: Dataset,
+            found: Sequence[tuple[ColumnInterpretation, str]]) -> None:
+    """Refuse columns that are better read otherwise, if they are: ways and why, best first."""
+    if not found:
+        return
+    (best, why), *others = found
+    where = " (in the table, or the points of these limbs in the mechanism file)"
+    *first, last = [replace(f, text=f"{f.text}{where * (f.kind == 'permuted')}")
+                    for f in best.joints.mistakes("permuted")]
+    raise InterpretationError.of([Interpretation(
+        data.source, (*first, replace(last, text=f"{last.text}: {why}")), best.block(data),
+        headers=best.headers(data), right=best.of(data),
+        alternatives=tuple(tuple(way.joints.mistakes("permuted")) for way, _ in others),
+        alternative_blocks=tuple(way.block(data) for way, _ in others),
+        alike=_alike(mechanism, best, [way for way, _ in others]))], mechanism.units)
+
+
+def _alike(mechanism: Mechanism, best: ColumnInterpretation,
+           others: Sequence[ColumnInterpretation]) -> str:
+    """Return that several ways fit equally, and whether they are one machine seen otherwise."""
+    if len(others) != 1:
+        return "all fit equally" * bool(others)
+    between = [best.joints.order.index(a) for a in others[0].joints.order]
+    images = mirror_images(mechanism.nominal())
+    turned = [[one[i] for i in two] for one, two in combinations(images, 2)]
+    limbs = [(i, limb.actuator) for i, limb in enumerate(mechanism.limbs) if limb.driven]
+    for found, words in ((images, ", and are mirror images of one another"),
+                         (turned, ", and are the same machine turned by half a turn")):
+        if best.joints.order != others[0].joints.order and any(
+                all(between[a] == mechanism.limbs[image[i]].actuator for i, a in limbs)
+                for image in found):
+            return f"both fit equally{words}"
+    return "both fit equally"
