@@ -194,6 +194,9 @@ class Registered:
     def find(self, name: str) -> Any:
         """Return the kind, or refuse the name."""
         kinds = self.kinds()
+        for own, kind in kinds.items():
+            if name in getattr(kind, "also_called", ()):
+                raise refuse(f"unknown {self.what} '{name}'", f"Write '{own}' for it")
         _one_of(self.what, name, [*kinds])
         return kinds[name]
 

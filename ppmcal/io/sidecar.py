@@ -144,7 +144,8 @@ class SidecarFile(Strict):
             data = {**data, "target": "unknown"}
         kind = _kind_named(data)
         if kind is None:
-            return data
+            # what a kind needs is known with the kind: one that there is not is refused first
+            return {"frame": "unknown", "target": "unknown", **data} if _kind_given(data) else data
         if kind.along_line and data["instrument"].get("point") is None:
             data = {"frame": "known", **data}      # between two platform positions: it has none
         # an instrument that shows joints alone has neither, whatever is written, nor tilts a target
@@ -178,11 +179,16 @@ class SidecarFile(Strict):
     """How to read the CSV, where it is not as the contract has it."""
 
 
-def _kind_named(data: Any) -> InstrumentKind | None:
-    """Return the kind of instrument that a sidecar's content names, None where it names none."""
+def _kind_given(data: Any) -> str:
+    """Return what a sidecar's content has for the kind of instrument, empty where it has none."""
     instrument = data.get("instrument") if isinstance(data, Mapping) else None
     name = instrument.get("kind") if isinstance(instrument, Mapping) else None
-    return instruments().get(name) if isinstance(name, str) else None
+    return name if isinstance(name, str) else ""
+
+
+def _kind_named(data: Any) -> InstrumentKind | None:
+    """Return the kind of instrument that a sidecar's content names, None where it names none."""
+    return instruments().get(_kind_given(data))
 
 
 def sidecar_path(csv_path: Path) -> Path:

@@ -12,6 +12,10 @@ from pathlib import Path
 import pytest
 from helpers.commands import ppmcal, rows, tree, write_csv
 
+from ppmcal.errors import BadInput
+from ppmcal.io.schema import check
+from ppmcal.io.sidecar import SidecarFile
+
 MECHANISM = """format: ppmcal/mechanism/1
 name: bench
 units: {length: mm, angle: deg}
@@ -650,3 +654,14 @@ def test_an_odd_damping_is_refused(files, value):
     ("tolerances", "m.yaml", "--accuracy", "1", "--machines", "1000000000")])
 def test_an_absurd_count_is_refused_before_any_work(files, args):
     refuse(files, [*args, "--out", "o"], args[-2])
+
+
+@pytest.mark.parametrize(("kind", "hint"), [
+    ("laser", "Allowed: pose, position"), ("encoder", "Write 'joint' for it")])
+def test_an_unknown_kind_of_instrument_is_refused_before_what_kinds_need(kind, hint):
+    """A frame and a target are asked for by those that have them."""
+    content = {"format": "ppmcal/dataset/1", "units": {"length": "mm", "angle": "deg"},
+               "instrument": {"kind": kind, "sigma": {"actuator": 0.5}}}
+    with pytest.raises(BadInput, match=f"unknown instrument kind '{kind}'") as found:
+        check(SidecarFile, content, "a.yaml")
+    assert found.value.where == "a.yaml: instrument.kind" and hint in found.value.hint

@@ -108,6 +108,11 @@ class InstrumentKind:
         return bool(self.number)
 
     @property
+    def also_called(self) -> tuple[str, ...]:
+        """Words that files have in the place of its name, where that is offered instead."""
+        return () if self.placed is None else ("encoder",)
+
+    @property
     def blind(self) -> bool:
         """Whether it shows nothing: joints alone tell of the machine."""
         return not self.coordinates(SPATIAL)
