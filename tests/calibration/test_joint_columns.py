@@ -10,8 +10,11 @@ from helpers.redundant import alone, belts, written
 import ppmcal
 from ppmcal.calibration.fit import Problem
 from ppmcal.calibration.interpretation import InterpretationError
-from ppmcal.calibration.interpretation.joint_columns import refuse_joint_columns
+from ppmcal.calibration.interpretation.joint_columns import contradicted, refuse_joint_columns
+from ppmcal.calibration.interpretation.score import score
+from ppmcal.calibration.interpretation.search import ways
 from ppmcal.commands.inputs import prepared
+from ppmcal.errors import BadInput
 
 HALF = {"x": 900, "y": 600}
 ALL = ("bl", "br", "tr", "tl")
@@ -70,7 +73,9 @@ def test_a_unit_in_which_joints_hardly_move_explains_nothing(tmp_path):
     off = np.array([0.2, -0.2, -0.2, 0.2])
     path = written(tmp_path, {**tree, "tolerances": {"point": 5, "offset": 3}}, "zero.yaml")
     machine, datasets = prepared(path, replace(data, q=data.q - 1e-3 * at_home + off))
-    assert refuse_joint_columns(Problem(machine, datasets, machine.free), datasets[0]) is not None
+    rows = contradicted(Problem(machine, datasets, machine.free), datasets[0])
+    assert rows is not None
+    refuse_joint_columns(machine, datasets[0], rows)
 
 
 def test_exchanged_columns_that_fit_equally_are_both_told(tmp_path):
@@ -92,3 +97,35 @@ def test_exchanged_columns_that_bend_the_geometry_are_told_after_the_fit(tmp_pat
     assert "tolerances from nominal then (RMS), not" in error.what
     assert "the same machine turned by half a turn" in error.what
     assert "`read: {columns: {q_bl: q_tr, q_tr: q_bl}}`" in error.hint
+
+
+def in_one_line(folder):
+    """Return the file of belts whose anchors are in one line below the platform, and their rows."""
+    tree = {**belts(), "tolerances": {"point": 30, "offset": 30}}
+    for limb in tree["limbs"]:
+        limb["offset"] = {"share": "end", "value": 0}
+    _, data = measured(folder, tree)
+    for x, limb in zip((0, 3000, 2200, 800), tree["limbs"], strict=True):
+        limb["base"]["point"] = [x, 0]
+    return written(folder, tree, "line.yaml"), data
+
+
+def test_ropes_that_cannot_hold_the_platform_are_told_before_columns(tmp_path):
+    path, data = in_one_line(tmp_path)
+    with pytest.raises(BadInput, match="the ropes cannot hold the platform at home") as found:
+        ppmcal.identify(path, data)
+    assert "Their anchors lie in one line" in found.value.what
+    told, = (f for f in ppmcal.check(path).findings if "cannot hold" in f)
+    assert told == f"{found.value.what}. {found.value.hint}."
+
+
+@pytest.mark.filterwarnings("error")
+def test_joint_values_that_fit_nothing_are_told_by_numbers_that_there_are(tmp_path):
+    """No step of a pose runs off to where squares overflow."""
+    path, data = in_one_line(tmp_path)
+    machine, datasets = prepared(path, data)
+    problem = Problem(machine, datasets, machine.free)
+    for way in ways(problem, score(problem)):
+        score(way.problem)
+    said = score(problem).sentence(machine.units)
+    assert "half of the rows miss by more than " in said and "more than ," not in said

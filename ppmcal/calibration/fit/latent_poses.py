@@ -26,6 +26,8 @@ from ppmcal.linalg import Array, solve_rows
 STEPS = 10
 STILL = 1e-10
 """Steps end where they are below this part of the length scale."""
+FARTHEST = 10.0
+"""A step of more than so many reaches leads nowhere, as in forward kinematics."""
 ROUND_OFF = 1e-9
 """A value that is larger by less than this part of it is not: the bottom is flat."""
 
@@ -51,6 +53,8 @@ def most_likely(closure: Closure, look: Callable[[Array], ResidualJacobian], pos
         least = np.where(down, np.minimum(value, least), least)
         twist = np.zeros((len(pose), 6))
         twist[:, mechanism.dof] = np.where(down[:, None] & np.isfinite(step), step, 0.0)
+        away = np.linalg.norm(twist[:, :3], axis=1)
+        twist[~(away < FARTHEST * mechanism.reach)] = 0.0
         if not np.any(np.abs(twist) > STILL * mechanism.length_scale):
             break
         pose = moved(best, twist)

@@ -26,6 +26,7 @@ from ppmcal.calibration.interpretation.interpretation_error import (
 )
 from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes
 from ppmcal.calibration.interpretation.read_rightly import refusal
+from ppmcal.calibration.interpretation.ropes_at_home import slack_at_home
 from ppmcal.calibration.knowledge import Identifiability, identifiability, tilt_sentences
 from ppmcal.kinematics.closed_at_home import (
     DEAD_POINT,
@@ -36,15 +37,14 @@ from ppmcal.kinematics.closed_at_home import (
 )
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
-from ppmcal.kinematics.loads import tight_ropes
 from ppmcal.kinematics.needed_columns import remembers
 from ppmcal.kinematics.partial_pose import named_only
 from ppmcal.kinematics.singular_structure import singular_structure
 from ppmcal.kinematics.tables import SINGULAR_HOME, home_singular_value, inverse_table
-from ppmcal.linalg import Array, range_basis
+from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.history import ways
-from ppmcal.model.mechanism import Mechanism, joint_points
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import Note, about, of_column
 from ppmcal.wording import pluralize
 from ppmcal.wording.progress import stage
@@ -94,7 +94,7 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
     value, _ = home_singular_value(mechanism)
     findings = [*mechanism.findings, *(f for d in datasets for f in d.findings), *plausibility,
                 *_open_limbs(mechanism, gaps or condition_gaps(mechanism)),
-                *_dead_points(mechanism), *_slack_at_home(mechanism, q_home)]
+                *_dead_points(mechanism), *slack_at_home(mechanism)]
     if value < SINGULAR_HOME:
         cause = singular_structure(mechanism)
         findings.append(Note("the machine is close to a singularity at home: smallest singular "
@@ -168,22 +168,6 @@ def _dead_points(mechanism: Mechanism) -> Iterator[Note]:
                        f"inverse solutions meet): transmission {t.value:.2g} (0 at the dead point, "
                        "1 at best). Choose a home pose away from the limb's end of reach, or check "
                        "its points and lengths.", topic="home")
-
-
-def _slack_at_home(mechanism: Mechanism, q_home: Array) -> Iterator[Note]:
-    """Yield that ropes cannot hold the platform at home, neither by themselves nor its weight."""
-    if not mechanism.surplus or not all(limb.kind.pulls_only for limb in mechanism.limbs):
-        return
-    model, q, motor = Model(mechanism), q_home[None], mechanism.home[None]
-    if any(tight_ropes(model, q, motor, weight)[0] for weight in (False, True)):
-        return
-    anchors = joint_points(mechanism)[0]
-    rank = range_basis(anchors - anchors.mean(axis=0), least=1e-6 * mechanism.reach).shape[1]
-    where = {0: "point", 1: "line", 2: "plane"}[rank] if rank < mechanism.motion.axes else ""
-    yield Note("the ropes cannot hold the platform at home: not all of them can pull, neither "
-               "against each other nor with its weight. " + bool(where) * (
-                   f"Their anchors lie in one {where}, and home is not where the platform hangs "
-                   "from it. ") + "Check the anchors, `gravity` and the home pose.", topic="home")
 
 
 def trial_dataset(mechanism: Mechanism) -> Dataset:

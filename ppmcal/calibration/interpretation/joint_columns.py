@@ -143,29 +143,26 @@ def _rolled(q: Array) -> Array:
     return np.stack([np.roll(q[:, i], i * n // k) for i in range(k)], axis=1)
 
 
-def refuse_joint_columns(problem: Problem, data: Dataset) -> AgainstNominal | None:
-    """Refuse columns with which limbs contradict each other far more than if read otherwise.
+def contradicted(problem: Problem, data: Dataset) -> AgainstNominal | None:
+    """Return rows against the nominal machine, None where most of them do not contradict it."""
+    rows = against_nominal(problem, data)
+    if rows is None or np.mean(rows.times(rows.q)[1] > LANDS) <= MANY:
+        return None
+    return rows
 
-    Returns:
-        The rows against the nominal machine, where they contradict it and no other reading does
-        better; else None.
+
+def refuse_joint_columns(mechanism: Mechanism, data: Dataset, rows: AgainstNominal) -> None:
+    """Refuse columns with which limbs contradict each other far more than if read otherwise.
 
     Raises:
         InterpretationError: with how they are to be read.
     """
-    rows = against_nominal(problem, data)
-    if rows is None:
-        return None
-    gap, times = rows.times(rows.q)
-    if np.mean(times > LANDS) <= MANY:
-        return None
-    units, mechanism = problem.mechanism.units, problem.mechanism
-    found = [w for w in _ways(rows, data) if w.part * TELLING <= np.median(times)]
+    units, (gap, times) = mechanism.units, (np.median(v) for v in rows.times(rows.q))
+    found = [w for w in _ways(rows, data) if w.part * TELLING <= times]
     _refuse(mechanism, data, [
         (w.reading, f"limbs contradict each other by {units.words(w.gap, 'length')} then, not by "
-                    f"{units.words(float(np.median(gap)), 'length')}")
+                    f"{units.words(float(gap), 'length')}")
         for w in found if w.part <= TELLING * found[0].part])
-    return rows
 
 
 def refuse_read_otherwise(fit: Fit) -> None:

@@ -11,9 +11,14 @@ import numpy as np
 
 from ppmcal.calibration.fit import Problem
 from ppmcal.calibration.interpretation.interpretation_error import InterpretationError
-from ppmcal.calibration.interpretation.joint_columns import AgainstNominal, refuse_joint_columns
+from ppmcal.calibration.interpretation.joint_columns import (
+    AgainstNominal,
+    contradicted,
+    refuse_joint_columns,
+)
 from ppmcal.calibration.interpretation.joint_zeros import zeros_elsewhere
 from ppmcal.calibration.interpretation.limits import LANDS
+from ppmcal.calibration.interpretation.ropes_at_home import HINT, not_held_at_home
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
@@ -39,7 +44,7 @@ def refuse_joints_alone(problem: Problem) -> None:
     Raises:
         BadInput: a machine whose limbs cannot hold it, rows at one place, a joint that stands
             still, ropes that were not pulled. InterpretationError: columns read wrongly, which
-            comes before places and joints that such numbers make, and zeros elsewhere.
+            comes before places and joints that such numbers make, or zeros elsewhere.
     """
     alone = [d for d in problem.datasets if d.kind.blind]
     if not alone or not problem.free:
@@ -47,10 +52,15 @@ def refuse_joints_alone(problem: Problem) -> None:
     mechanism = problem.mechanism
     if home_singular_value(mechanism)[0] < SINGULAR_HOME:
         _refuse_structure(mechanism)
-    contradictions = [refuse_joint_columns(problem, data) for data in alone]
+    against = [contradicted(problem, data) for data in alone]
+    if any(rows is not None for rows in against):
+        _refuse_slack_at_home(mechanism)
+    for data, rows in zip(alone, against, strict=True):
+        if rows is not None:
+            refuse_joint_columns(mechanism, data, rows)
     if len(alone) == len(problem.datasets) and problem.earlier is None:
         _refuse_one_place(mechanism, alone)
-    for data, rows in zip(alone, contradictions, strict=True):
+    for data, rows in zip(alone, against, strict=True):
         _refuse_still(mechanism, data)
         if rows is not None:
             zeros = zeros_elsewhere(problem)
@@ -64,6 +74,12 @@ def _refuse_structure(mechanism: Mechanism) -> None:
     if cause:
         raise BadInput(cause, f"{mechanism.source}: limbs",
                        "Correct the points, or choose another home pose where that is the cause")
+
+
+def _refuse_slack_at_home(mechanism: Mechanism) -> None:
+    told = not_held_at_home(mechanism)
+    if told:
+        raise BadInput(told, f"{mechanism.source}: limbs", HINT)
 
 
 def _travel(mechanism: Mechanism, q: Array) -> Array:

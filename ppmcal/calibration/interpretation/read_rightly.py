@@ -63,12 +63,20 @@ from ppmcal.wording.progress import stage
 
 log = logging.getLogger(__package__)
 
+LARGER = "If the machine really is that far from its nominal geometry, give larger tolerances"
 HINT = ("Check the order and signs of the q columns, their units, and how the rotation is written "
-        "(rotation vector rx, ry, rz; quaternion x, y, z, w; from platform to base). If the "
-        "machine really is that far from its nominal geometry, give larger tolerances")
+        "(rotation vector rx, ry, rz; quaternion x, y, z, w; from platform to base). " + LARGER)
 HINT_AT_JOINT = ("Check the joint that the encoder is at (`instrument.at`), the unit and sign of "
-                 "its column, and the q columns. If the machine really is that far from its "
-                 "nominal geometry, give larger tolerances")
+                 "its column, and the q columns. " + LARGER)
+HINT_ALONE = ("Check the order and signs of the q columns, their units and zeros, and the points "
+              "in the mechanism file. " + LARGER)
+
+
+def _hint(problem: Problem) -> str:
+    """Return what to check of measurements that are far from the machine however they are read."""
+    if problem.blind:
+        return HINT_ALONE
+    return HINT_AT_JOINT if all(map(of_a_joint, problem.datasets)) else HINT
 
 
 def find_misreading(problem: Problem, index: int) -> Interpretation | None:
@@ -255,9 +263,8 @@ def refuse_misread(problem: Problem) -> None:
                                 if m.source not in told)], problem)
     for part, one in each:
         if one.misread:
-            hint = HINT_AT_JOINT if all(map(of_a_joint, part.datasets)) else HINT
             raise InterpretationError(one.sentence(problem.mechanism.units),
-                                      ", ".join(d.source for d in part.datasets), hint)
+                                      ", ".join(d.source for d in part.datasets), _hint(part))
     if found.doubted:
         _refuse(wrong_parts(problem), problem)
 

@@ -98,9 +98,11 @@ class Score:
                  for value, quantity in zip(self.miss, ("length", "angle"), strict=True)
                  if np.isfinite(value)]
         lost = f"; {self.lost} of {self.rows} rows have no pose at all" if self.lost else ""
-        return ("the measurements do not fit this machine: registered as well as can be, half of "
-                f"the rows miss by more than {' and '.join(parts)}, {self.nominal:.3g} times what "
-                f"tolerances and noise explain{lost}; other dimensions of the machine still leave "
+        far = f"{self.nominal:.3g} times what tolerances and noise explain"
+        rows = ("measurements do not fit this machine: registered as well as can be, half of the "
+                f"rows miss by more than {' and '.join(parts)}, {far}" if parts else
+                f"joint values do not fit this machine: half of the rows miss by more than {far}")
+        return (f"the {rows}{lost}; other dimensions of the machine still leave "
                 f"{self.noise:.3g} times the noise")
 
 
