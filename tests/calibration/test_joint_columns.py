@@ -129,3 +129,11 @@ def test_joint_values_that_fit_nothing_are_told_by_numbers_that_there_are(tmp_pa
         score(way.problem)
     said = score(problem).sentence(machine.units)
     assert "half of the rows miss by more than " in said and "more than ," not in said
+
+
+def test_check_leaves_with_0_where_nothing_but_the_gauge_is_said(tmp_path):
+    """A frame that joint values cannot see, and the mirror image, hold of every such machine."""
+    path, data = measured(tmp_path, belts())
+    found = ppmcal.check(path, data)
+    assert found.exit_code == 0 and {f.topic for f in found.findings} == {"gauge"}
+    assert ppmcal.check(path, exchanged(data, 2, 3)).exit_code == 1
