@@ -10,6 +10,7 @@ import pytest
 from ppmcal.diagnosis.findings import advice, findings
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.lack_of_fit import LackOfFit
+from ppmcal.io.results.diagnosis_wording import confounded
 
 
 def remainder(ratio: float = 1.0, excess: float = 0.0) -> LackOfFit:
@@ -41,6 +42,13 @@ def test_rows_out_rows_back_and_a_fit_that_stopped_are_said() -> None:
     assert "1 of 50 rows left out" in words[0]
     assert "1 row that a fit of geometry alone left out is explained by the effects" in words[1]
     assert "not converged after 60" in said(fit_with({}), fit_with({}, converged=False))[-1]
+
+
+def test_parameters_that_imitate_are_told_by_how_far_they_moved() -> None:
+    """They are within their tolerances, or not: what is told is the way between two models."""
+    record: Any = SimpleNamespace(absorbed_by_geometry=[SimpleNamespace(name="a.x")])
+    assert confounded(record) == ("Without what is named, 1 parameter moved by more than its "
+                                  "tolerance to imitate it, most a.x.")
 
 
 @pytest.mark.parametrize(("left", "words"), [

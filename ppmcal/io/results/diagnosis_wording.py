@@ -283,12 +283,14 @@ def _look(entry: LearnedEntry) -> str:
 
 
 def confounded(record: DiagnosisRecord) -> str:
-    """Return how many parameters had moved to imitate what is missing, empty where none had."""
+    """Return how many parameters had moved to imitate what is missing, empty where none had.
+
+    By more than their tolerance from where they are with it: they need not have left that range.
+    """
     moved = record.absorbed_by_geometry
     return "" if not moved else (
-        f"Without what is named, {pluralize(len(moved), 'parameter')} "
-        f"{'were' if len(moved) > 1 else 'was'} forced outside "
-        f"{'their tolerances' if len(moved) > 1 else 'its tolerance'}, most {moved[0].name}.")
+        f"Without what is named, {pluralize(len(moved), 'parameter')} moved by more than "
+        f"{'their' if len(moved) > 1 else 'its'} tolerance to imitate it, most {moved[0].name}.")
 
 
 def next_step(record: DiagnosisRecord) -> str:
