@@ -75,7 +75,8 @@ class _Kinds(Collector):
         """Add all hypotheses of one kind."""
         usable = usable_joints(self.system.problem.mechanism, kind)
         if kind.nuisance or not kind.exists_in(self.motion) or not usable.any() or (
-                "touch" in kind.needs and not self._touched()):
+                "touch" in kind.needs and not self._touched()) or (
+                kind.instrument and self.system.problem.blind):
             return
         usable = usable & ~self._free_already(kind)
         on, missing, lack = self._recorded(kind, usable)

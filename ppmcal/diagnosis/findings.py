@@ -84,8 +84,8 @@ def findings(before: Fit, after: Fit, left: LackOfFit, effects: Sequence[NamedEf
         said.append(Note("the held-out poses do not confirm the improvement: too few, or too small",
                          topic="held out"))
     if not after.converged:
-        said.append(Note(f"the fit had not converged after {after.iterations} iterations",
-                         topic="convergence"))
+        said.append(Note("the fit had not converged after "
+                         f"{pluralize(after.iterations, 'iteration')}", topic="convergence"))
     return said
 
 

@@ -17,12 +17,12 @@ def remainder(ratio: float = 1.0, excess: float = 0.0) -> LackOfFit:
     return LackOfFit(ratio, excess, 1.0, "stated", "", 1.0)
 
 
-def fit_with(reasons: dict[int, str], converged: bool = True) -> Any:
+def fit_with(reasons: dict[int, str], converged: bool = True, iterations: int = 60) -> Any:
     class Data(list[int]):
         name, findings = "run1", ()
 
     return SimpleNamespace(problem=SimpleNamespace(datasets=(Data(range(50)),)),
-                           reasons=(reasons,), converged=converged, iterations=60)
+                           reasons=(reasons,), converged=converged, iterations=iterations)
 
 
 def said(before: Any, after: Any, **left: float) -> list[str]:
@@ -42,6 +42,8 @@ def test_rows_out_rows_back_and_a_fit_that_stopped_are_said() -> None:
     assert "1 of 50 rows left out" in words[0]
     assert "1 row that a fit of geometry alone left out is explained by the effects" in words[1]
     assert "not converged after 60" in said(fit_with({}), fit_with({}, converged=False))[-1]
+    once = said(fit_with({}), fit_with({}, converged=False, iterations=1))
+    assert once[-1] == "the fit had not converged after 1 iteration"
 
 
 def test_parameters_that_imitate_are_told_by_how_far_they_moved() -> None:

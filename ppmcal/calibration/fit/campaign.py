@@ -148,11 +148,12 @@ def too_few(fit: Fit) -> Iterable[Note]:
 
 
 def _more(fit: Fit, missing: int) -> str:
-    """Return how many poses more give so many numbers, of joint values alone; else only more."""
+    """Return how many poses more give numbers for all, of joint values alone; else only more."""
     surplus = fit.problem.mechanism.surplus
     if not surplus or not all(d.kind.blind for d in fit.problem.datasets):
         return "more poses"
-    return f"at least {pluralize(-(-missing // surplus), 'pose')} more"
+    return (f"at least {pluralize(-(-missing // surplus), 'pose')} more to have as many numbers "
+            "as unknowns")
 
 
 def _numbers(fit: Fit) -> tuple[int, int, int]:

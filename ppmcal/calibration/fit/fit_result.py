@@ -19,6 +19,7 @@ from ppmcal.calibration.fit.linearisation import (
 from ppmcal.calibration.fit.problem import Problem, State
 from ppmcal.linalg import Array, Bools, Ints, finite_rows, svd
 from ppmcal.notes import topic_of
+from ppmcal.wording import pluralize
 
 ITERATIONS = 60
 OUTLIER = "outlier"
@@ -104,8 +105,8 @@ class Fit:
     def reached(self) -> str:
         """How far a fit got that did not converge, in words."""
         rms = (self.information.square / max(self.information.count, 1)) ** 0.5
-        return (f"after {self.iterations} iterations residuals were at {rms:.3g} times the noise "
-                "and it was still moving")
+        return (f"after {pluralize(self.iterations, 'iteration')} residuals were at {rms:.3g} "
+                "times the noise and it was still moving")
 
     @property
     def stated(self) -> Array:

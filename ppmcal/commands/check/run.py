@@ -98,8 +98,9 @@ class CheckResult(Check):
             yield ShortTable(["limb", "gap at home", "allowed", "unit"], [
                 [g.limb, number(g.gap / factor), number(g.allowed / factor, 2), unit]
                 for g in self.gaps], (1, 2))
-        yield (f"Smallest singular value at home: {self.singular_value:.3g} (rotation against "
-               f"{mechanism.length_scale / factor:.4g} {unit}).")
+        against = (f" (rotation against {mechanism.length_scale / factor:.4g} {unit})"
+                   if mechanism.motion.turns else "")
+        yield f"Smallest singular value at home: {self.singular_value:.3g}{against}."
         if self.columns:
             seen = "the measurements" if self.measured else "full-pose measurements about home"
             yield f"Rank with {seen}: {self.rank} of {self.columns}."
