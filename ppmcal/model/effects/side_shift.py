@@ -53,8 +53,8 @@ def _kind(axis: str) -> EffectKind:
         f"{axis} by more than `at`", "the rope that is pulled first, and so what the others hold, "
         "differs from side to side",
         fixed_list(EffectParameter("shift", "joint", usual=(-0.2, 0.2), of_stroke=True, why=STROKE),
-                   EffectParameter("at", "length", 0.0, constant=True, scan=_scan, why="controllers "
-                                   "change over in the middle of the frame, as they know it")),
+                   EffectParameter("at", "length", 0.0, constant=True, scan=_scan, why="controllers"
+                                   " change over in the middle of the frame, as they know it")),
         (), partial(_terms, axis), joints="ropes", uses_load=True, follows=POSE,
         exists_in=lambda motion: axis in motion.coordinates, from_file=FromFile(("along",), _made),
         written=lambda units: {"along": axis}, variants=_variants,
