@@ -301,7 +301,7 @@ def test_traits_fit_together(kind: str) -> None:
         assert len(found.stroke_ends(motion)) in (0, 2)
         for s in specs.values():
             assert s.component in ("", *WRENCH)
-            assert not (s.constant and s.nonlinear) or s.name == found.onset
+            assert not (s.constant and s.nonlinear) or s.name in (found.onset, "at")
             assert not s.optional or (s.nonlinear and s.default == 0.0)
             assert s.low < 0.0 or not s.scaling or s.default is None
             data = ScanRange(0.3, 20, tuple(range(1, 21)), 50.0, 0.4, 0.2)
