@@ -179,11 +179,15 @@ def refuse_read_otherwise(fit: Fit) -> None:
         return
     for i, data in enumerate(problem.datasets):
         rows = against_nominal(problem, data) if data.kind.blind else None
-        found = []
+        found, most = [], LANDS
         for way in [] if rows is None else _ways(rows, data)[:FITS]:
+            if way.part > most:
+                break
             other = _fitted(fit, i, way.reading, left)
             if other is not None and other.total * TELLING <= left.total:
                 found.append((other, way.reading))
+                # what is farther from nominal is no match for it
+                most = min(most, TELLING * max(1.0, way.part))
         found.sort(key=lambda f: f[0].total)
         _refuse(problem.mechanism, data, [
             (way, _better(other, left)) for other, way in found

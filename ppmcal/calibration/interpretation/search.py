@@ -115,10 +115,10 @@ def _near_nominal(alone: Problem) -> list[ColumnInterpretation]:
 def _near_fit(alone: Problem) -> list[ColumnInterpretation]:
     """Return readings of measured columns that tolerances hide from a look at the nominal machine.
 
-    Euler angles of small turns; a row more or less on a dense path.
+    Euler angles of small turns; a row more or less on a dense path. Of joints alone there are none.
     """
     data = alone.datasets[0]
-    if of_a_joint(data):
+    if of_a_joint(data) or data.kind.blind:
         return []
     plain = ColumnInterpretation.as_declared(alone.mechanism, data)
     readings = [*pose_readings(plain, data), *(replace(plain, shift=s) for s in SHIFTS)]
