@@ -88,14 +88,14 @@ def _elsewhere(fit: Fit, state: State, options: FitOptions) -> Fit:
     other fit counts as far as its machine comes to its rows from home.
     """
     problem, prior = fit.problem, prior_weights(fit.problem, options.method)
-    few, start, _ = _few_rows(problem, state)
+    few, start, keep = _few_rows(problem, state)
     tried: list[tuple[float, int, State]] = []
     for other in other_starts(few, start):
         rows = _usable(few, other)[0]
         near = least_squares(few, other, rows, prior, STAGE_ITERATIONS, None, rough=True).state
         tried.append((cost(few, near, rows, prior, None), len(tried), near))
-    if not tried:
-        return fit
+    if not tried or min(tried)[0] > cost(few, start, keep, prior, None):
+        return fit      # worse than before any fit
     g = _fitted(few, options, min(tried)[2], False, False).state.g
     home = Model(problem.mechanism, g)
     poses = tuple(problem.reached(i, home) for i in range(len(problem.datasets)))
