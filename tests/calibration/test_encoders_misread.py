@@ -17,16 +17,19 @@ import yaml
 from helpers.commands import Run, ppmcal, rows
 from helpers.paths import ROOT
 
+from ppmcal import simulate
 from ppmcal.calibration.fit import FitOptions, Problem, identify
 from ppmcal.calibration.interpretation import check
 from ppmcal.calibration.interpretation.encoders import encoder_readings
 from ppmcal.calibration.interpretation.interpretation_error import InterpretationError
 from ppmcal.calibration.interpretation.read_rightly import refuse_after_fit, refuse_misread
+from ppmcal.calibration.interpretation.readings import at_joint
 from ppmcal.calibration.validation import left_out, unused, unused_sentences
 from ppmcal.commands.identify import run as identify_run
 from ppmcal.commands.inputs import prepared
 from ppmcal.errors import NoResult
 from ppmcal.io.mechanism_reader import read_mechanism
+from ppmcal.io.results.parts import misreading_entries
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import InstrumentKind, find_instrument
 
@@ -187,7 +190,7 @@ def test_a_unit_that_the_header_states_is_corrected_there(desk: Desk) -> None:
 
 
 def test_a_slide_and_a_hinge_are_taken_for_each_other_where_no_unit_is_said() -> None:
-    machine = read_mechanism(ROOT / "configs" / "3-RPR.yaml")
+    machine = read_mechanism(config("3-RPR"))
     kind = find_instrument("joint").located("leg1.joint2", machine, "m.yaml")
     data = replace(Dataset.of_poses("e", np.zeros((3, 3)), np.zeros((3, 6)), (1.0, 1.0), False),
                    kind=kind, units=machine.units, value=np.array([0.001, 0.002, 0.003]))
@@ -197,6 +200,59 @@ def test_a_slide_and_a_hinge_are_taken_for_each_other_where_no_unit_is_said() ->
     assert np.allclose(np.degrees(found["leg1.joint1"].of(data).value), [1.0, 2.0, 3.0])
     said = replace(data, read={"units": {"value": "mm"}})
     assert {r.at for r in encoder_readings(machine, said)} == {"", "leg2.joint2", "leg3.joint2"}
+
+
+SPATIAL = {"x": 250, "y": 250, "z": 200, "rx": 12, "ry": 12, "rz": 12}
+
+
+def simulated(tree: dict[str, Any], at: str, half: dict[str, float], **more: Any) -> Problem:
+    """Return the problem of one simulated encoder alone."""
+    machine = read_mechanism(tree)
+    made = simulate(machine, {
+        "format": "ppmcal/scenario/1", "units": UNITS, "errors": {"random": {"scale": 1.0}},
+        "poses": {"random": {"center": tree["home"]["pose"], "half_range": half, "count": 40}},
+        "instrument": {"kind": "joint", "at": at, "sigma": {"value": 0.01}, "offset": 7},
+        "seed": 1, **more})
+    return Problem(machine, made.data, machine.free)
+
+
+def config(name: str) -> dict[str, Any]:
+    found = yaml.safe_load((ROOT / "configs" / f"{name}.yaml").read_text(encoding="utf-8"))
+    assert isinstance(found, dict)
+    return found
+
+
+def test_a_slides_reading_that_is_taken_for_an_angle_is_told_in_lengths() -> None:
+    problem = simulated(config("3-RPR"), "leg2.joint2", {"x": 100, "y": 100, "rz": 20})
+    (data,), machine = problem.datasets, problem.mechanism
+    hinge = data.kind.located("leg3.joint3", machine, "m.yaml")
+    with pytest.raises(InterpretationError) as refused:
+        refuse_misread(replace(problem, datasets=(at_joint(data, hinge),)))
+    (found,) = refused.value.found
+    assert TWIN.replace("left", "leg2") + "leg3.joint3: read so, the median error is 0.0" in (
+        refused.value.what)
+    assert " mm, and a short fit leaves" in refused.value.what
+    assert found.quantity == "length" and found.at == "leg2.joint2" and not found.block
+    (entry,) = misreading_entries([found], machine.units)
+    assert entry.entries()["at"] == "leg2.joint2"
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_encoder_of_a_spatial_machine_is_judged_too(sign: float) -> None:
+    """A rotation is whole or nothing; the one angle that an encoder shows is no part of one."""
+    tree = config("6-UPS")
+    for i, limb in enumerate(tree["limbs"]):
+        limb["base"]["axis"] = {"value": [float(np.cos(i)), float(np.sin(i)), 0.0],
+                                "tolerance": 0.0}
+    problem = simulated(tree, "leg1.joint1", SPATIAL)
+    (data,) = problem.datasets
+    problem = replace(problem, datasets=(replace(data, value=sign * data.value),))
+    assert problem.counts(0, np.arange(len(data))).tolist() == [1] * len(data)
+    if sign > 0.0:
+        refuse_misread(problem)
+        return
+    with pytest.raises(InterpretationError, match="value has the other sign"):
+        refuse_misread(problem)
 
 
 def test_a_kind_at_a_joint_that_names_no_others_is_read_there_alone() -> None:

@@ -337,7 +337,7 @@ def white_measurements(data: Dataset, motion: Motion, rows: Ints | slice = slice
     The first two are 0 where nothing was measured; a row of less weight has a larger sigma.
     """
     own = shown(data, rows)
-    if not motion.planar:
+    if not motion.planar and not data.kind.scalar:    # one number is no part of a rotation
         own[~finite_rows(own[:, 3:]), 3:] = np.nan
     seen = np.isfinite(own[:, list(coordinates(data, motion))])
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -129,7 +129,8 @@ def interpretation_sentence(found: Interpretation, units: Units) -> str:
         return f"{what}: residuals fall from {found.before:.3g} to {found.after:.3g} {NOISE}"
     before = (f"read so, the median error drops from {found.before / factor:.3g} to"
               if np.isfinite(found.before) else
-              "hardly a row had a pose; read so, the median error is")
+              # of another quantity before, where the encoder is at a joint of another sort
+              "hardly a row had a pose; " * (not found.at) + "read so, the median error is")
     return (f"{what}: {before} {found.after / factor:.3g} {unit}, and a short fit leaves "
             f"{found.noise_after:.2g} times the noise")
 

@@ -185,19 +185,20 @@ def _telling(before: tuple[float, float], after: tuple[float, float]) -> tuple[s
 
 # --- what is refused, before a fit and after it ---------------------------------------------------
 
-def misfit(problem: Problem) -> Score:
+def misfit(problem: Problem, part: bool = False) -> Score:
     """Return how far measurements are from a machine, and how they may have been meant.
 
     Args:
         problem: machine and data; where there are many rows, some of them are looked at.
+        part: whether other files beside them show how the machine is assembled.
 
     Raises:
         BadInput: as :meth:`ppmcal.calibration.fit.Problem.start`.
     """
     turned = [with_positive_struts(d, problem.mechanism) for d in problem.datasets]
     if not any(sign for _, sign in turned):
-        return _misfit(problem)
-    found = _misfit(replace(problem, given=None, datasets=tuple(d for d, _ in turned)))
+        return _misfit(problem, part)
+    found = _misfit(replace(problem, given=None, datasets=tuple(d for d, _ in turned)), part)
     other = {m.source: m for m in found.readings}
     readings = ((sign, other.get(d.source, Interpretation(d.source, (), dict(d.read))))
                 for d, sign in turned)
@@ -205,7 +206,7 @@ def misfit(problem: Problem) -> Score:
                                          for sign, m in readings if sign or m.mistakes))
 
 
-def _misfit(problem: Problem) -> Score:
+def _misfit(problem: Problem, part: bool) -> Score:
     """Return what :func:`misfit` does, of joints whose signs are right."""
     try:
         look = Look.at(problem)
@@ -219,7 +220,7 @@ def _misfit(problem: Problem) -> Score:
     if as_read.total <= LANDS:
         return as_read
     # a way that explains everything needs no fit of what is read wrongly, which is slow
-    found = _misreadings(problem) or other_assembly(problem)
+    found = _misreadings(problem) or (() if part else other_assembly(problem))
     if found:
         return replace(as_read, readings=found)
     fitted = look.score(np.inf)
@@ -257,7 +258,7 @@ def refuse_misread(problem: Problem) -> None:
     # beside more rows of other files those of an encoder would be single mistakes
     encoders = [problem.alone(d) for d in problem.datasets
                 if of_a_joint(d) and len(problem.datasets) > 1]
-    each = [(problem, found), *((alone, misfit(alone)) for alone in encoders)]
+    each = [(problem, found), *((alone, misfit(alone, part=True)) for alone in encoders)]
     told = {m.source for m in found.readings}
     _refuse([*found.readings, *(m for _, one in each[1:] for m in one.readings
                                 if m.source not in told)], problem)
