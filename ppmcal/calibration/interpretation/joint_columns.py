@@ -159,9 +159,10 @@ def refuse_joint_columns(mechanism: Mechanism, data: Dataset, rows: AgainstNomin
     """
     units, (gap, times) = mechanism.units, (np.median(v) for v in rows.times(rows.q))
     found = [w for w in _ways(rows, data) if w.part * TELLING <= times]
+    now = (f"not by {units.words(float(gap), 'length')}" if np.isfinite(gap) else
+           "while most rows have no pose as they are read")
     _refuse(mechanism, data, [
-        (w.reading, f"limbs contradict each other by {units.words(w.gap, 'length')} then, not by "
-                    f"{units.words(float(gap), 'length')}")
+        (w.reading, f"limbs contradict each other by {units.words(w.gap, 'length')} then, {now}")
         for w in found if w.part <= TELLING * found[0].part])
 
 
