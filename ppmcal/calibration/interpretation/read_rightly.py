@@ -259,9 +259,9 @@ def refuse_misread(problem: Problem) -> None:
     encoders = [problem.alone(d) for d in problem.datasets
                 if of_a_joint(d) and len(problem.datasets) > 1]
     each = [(problem, found), *((alone, misfit(alone, part=True)) for alone in encoders)]
-    told = {m.source for m in found.readings}
+    sources = {m.source for m in found.readings}
     _refuse([*found.readings, *(m for _, one in each[1:] for m in one.readings
-                                if m.source not in told)], problem)
+                                if m.source not in sources)], problem)
     for part, one in each:
         if one.misread:
             raise InterpretationError(one.sentence(problem.mechanism.units),
