@@ -362,3 +362,24 @@ def test_columns_have_units_of_their_own_and_are_nobodys_elsewhere():
                    {"kind": "position", "sigma": {"position": 0.02}})
     assert any("columns roll, pitch, value: not used, nobody knows them" in f
                for f in data.findings)
+
+
+@pytest.mark.parametrize("name", ["3-RPR", "6-UPS"])
+def test_each_angle_of_a_tilt_counts(name):
+    """They are no incomplete rotation, of which nothing would be said."""
+    made, data = measured(file_of(name), TILT, count=8)
+    counts = Problem(made.mechanism, (data,), made.mechanism.free).counts(0, np.arange(8))
+    assert counts.tolist() == [1 if name == "3-RPR" else 2] * 8
+
+
+@pytest.mark.slow
+def test_a_tilt_that_was_read_wrongly_is_left_out():
+    tree = file_of("6-UPS")
+    made, data = measured(tree, TILT, count=40)
+    rotation = data.rotation.copy()
+    rotation[11, 0] += np.radians(2.0)
+    wrong = replace(data, rotation=rotation)
+    free = tuple(p for p in made.mechanism.free if ".platform.point.angle" not in
+                 made.mechanism.names[p])
+    fit = identify(Problem(made.mechanism, (wrong,), free), FitOptions())
+    assert np.flatnonzero(~fit.keep[0]).tolist() == [11]

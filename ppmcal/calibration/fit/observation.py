@@ -337,7 +337,8 @@ def white_measurements(data: Dataset, motion: Motion, rows: Ints | slice = slice
     The first two are 0 where nothing was measured; a row of less weight has a larger sigma.
     """
     own = shown(data, rows)
-    if not motion.planar and not data.kind.scalar:    # one number is no part of a rotation
+    # one number, or angles of an instrument's own, are no part of a rotation
+    if not motion.planar and not data.kind.scalar and data.kind.of_turn is None:
         own[~finite_rows(own[:, 3:]), 3:] = np.nan
     seen = np.isfinite(own[:, list(coordinates(data, motion))])
     with np.errstate(divide="ignore", invalid="ignore"):
