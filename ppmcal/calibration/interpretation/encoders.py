@@ -72,8 +72,17 @@ def search_encoder(mechanism: Mechanism, data: Dataset
         if good.mean() > MOST:
             own = few.take(good)
             out += [(miss, replace(reading, joints=joints)) for miss, reading in zip(
-                _misses(model, own, readings, q[good], pose[good]), readings, strict=True)]
+                _misses(model, own, readings, q[good], pose[good]), readings, strict=True)
+                if not _mirrored((*joints.signs, *reading.numbers.signs))]
     return sorted(out, key=lambda found: found[0])
+
+
+def _mirrored(signs: Sequence[int]) -> bool:
+    """Whether all signs are the other ones, as of a machine that is assembled mirrored.
+
+    That is one mistake, not one for each column, and is asked for as that.
+    """
+    return all(sign < 0 for sign in signs)
 
 
 def _misses(model: Model, data: Dataset, readings: Sequence[ColumnInterpretation], q: Array,
