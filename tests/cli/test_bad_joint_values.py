@@ -119,3 +119,13 @@ def test_what_is_not_slack_is_not_called_so(change, tmp_path):
     code, said = findings(tmp_path, path, data)
     assert not [f for f in said if "slack?" in f]
     assert (code == 0) == (change is None)
+
+
+def test_poses_that_a_check_looks_from_are_where_limbs_in_surplus_are(tmp_path):
+    """Not where an instrument would say: what differs from side to side shows about home."""
+    tree = yaml.safe_load((ROOT / "configs" / "maslow.yaml").read_text(encoding="utf-8"))
+    tree["effects"] = [{"kind": "side_shift", "along": "x", "on": ["br"],
+                        "parameters": {"shift": {"value": 0, "free": True}}}]
+    (tmp_path / "belts.yaml").write_text(yaml.safe_dump(tree), encoding="utf-8")
+    out = ppmcal("check", tmp_path / "belts.yaml", "--json")
+    assert out.code == 0 and not out.json["findings"]

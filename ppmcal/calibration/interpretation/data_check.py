@@ -182,8 +182,10 @@ def trial_dataset(mechanism: Mechanism) -> Dataset:
     bare = replace(mechanism, effects=(), limits=np.tile([-np.inf, np.inf],
                                                          (len(mechanism.actuators), 1)))
     table = inverse_table(Model(bare), poses)
-    q = table.q[np.array([s == "ok" for s in table.status])]
-    data = Dataset.of_poses("poses about home", q, np.zeros((q.shape[0], 6)),
+    good = np.array([s == "ok" for s in table.status])
+    q = table.q[good]
+    # where surplus limbs contradict each other what was measured says where the platform is
+    data = Dataset.of_poses("poses about home", q, poses[good],
                             (1e-3 * mechanism.length_scale, 1e-3), fitted=False)
     columns = _trial_environment(mechanism, len(data), rng)
     if remembers(mechanism):
