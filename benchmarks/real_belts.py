@@ -2,10 +2,12 @@
 
     python benchmarks/real_belts.py --data DIR [--runs ten-runs-01 old-runs-29 ...]
     python benchmarks/real_belts.py --data DIR --constant 150 --runs ten-runs-01 ten-runs-02 ...
+    python benchmarks/real_belts.py --data DIR --repeat --runs ten-runs-01 ten-runs-02 ...
 
 With `--constant` so many mm are taken off all belts, and it says by how much each run, fitted with
 the pull of the lower belts, finds another constant: with all belts in one plane, and with the
-heights of anchors that the firmware has.
+heights of anchors that the firmware has. With `--repeat` of runs of one frame: how well anchors
+repeat, and how far belts of other runs are from closing, by geometry alone and with that pull.
 
 DIR has `maslow/`: one table of belts for each run (bl, br, tr, tl, mm), and what the owner wrote
 about them in `index.csv`, with which the table is to be held.
@@ -137,18 +139,52 @@ def constants(data: Path, off: float, runs: list[str], cores: int) -> None:
           + " |")
 
 
+def repeats(data: Path, runs: list[str]) -> None:
+    """Print how well anchors repeat from run to run, and what each run says of all others."""
+    side = words(data)[runs[0]][1]
+    pulled = {"effects": [{"kind": "rope_stretch", "on": ["bl", "br"],
+                           "parameters": {"strain": {"value": 0.002, "free": True}}}]}
+    print("| model | sd of anchors, mm | closure of other runs, rms, mm | at most |")
+    print("|---|---|---|---|")
+    for name, more in (("geometry alone", {}), ("lower belts pull", pulled)):
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "belts.yaml"
+            file.write_text(yaml.safe_dump(machine(side) | more), encoding="utf-8")
+            tables = [np.genfromtxt(data / f"{run}.csv", delimiter=",", names=True) for run in runs]
+            given = [ppmcal.read_data(file, {f"q_{n}": rows[n] for n in BELTS}, sidecar=SIDE,
+                                      name=run) for run, rows in zip(runs, tables, strict=True)]
+            found = [ppmcal.identify(file, one, holdout=0.0) for one in given]
+            for run, fit in zip(runs, found, strict=True):
+                fit.save(Path(folder) / run)
+            missed = []
+            for i, run in enumerate(runs):
+                for other in given[:i] + given[i + 1:]:
+                    held = ppmcal.validate(Path(folder) / run / "identified.yaml", other)
+                    missed += [e.closure.rms for e in held.record.datasets[0].errors
+                               if e.model == "model"]
+        anchors = 1e3 * np.array([f.mechanism.values for f in found]).std(axis=0, ddof=1)
+        own = [i for i, n in enumerate(found[0].mechanism.names)
+               if ".base.point." in n and anchors[i] > 0.0]
+        print(f"| {name} | {', '.join(f'{anchors[i]:.2f}' for i in own)} | {np.mean(missed):.2f} | "
+              f"{np.max(missed):.2f} |", flush=True)
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--runs", nargs="*")
     parser.add_argument("--constant", type=float)
+    parser.add_argument("--repeat", action="store_true")
     parser.add_argument("--cores", type=int, default=multiprocessing.cpu_count())
     asked = parser.parse_args()
     data = asked.data / "maslow"
     runs = asked.runs or sorted(p.stem for p in data.glob("*.csv") if p.stem != "index")
     if asked.constant is not None:
         constants(data, asked.constant, runs, asked.cores)
+        return
+    if asked.repeat:
+        repeats(data, runs)
         return
     print("| run | readings | the owner | rows left out | verdict | named | without a name |")
     print("|---|---|---|---|---|---|---|")

@@ -29,6 +29,8 @@ CONTRACTION = 0.25
 SMALLEST_STEP = 1.0 / 512.0
 NEWTON_STEPS = 25
 STEP = 1e-11
+FARTHEST = 10.0
+"""A step of so many reaches and more leads nowhere."""
 """Converged: the last step, translations in parts of the length scale, is below this."""
 ON_THE_WAY = 1e-6
 """The same on the way to a row of a machine with surplus limbs. There limbs contradict each other
@@ -367,7 +369,7 @@ def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS, most: 
             sizes.append(size)
             if len(sizes) == 2 and most < np.inf:
                 slow = _contraction(np.stack(sizes, axis=-1)) > most
-            finite = np.isfinite(size) & (size < 10.0 * reach / scale) & ~slow
+            finite = np.isfinite(size) & (size < FARTHEST * reach / scale) & ~slow
             step[~finite] = 0.0
             pose = moved(pose, step)
             # what surplus equations leave is least there, not 0

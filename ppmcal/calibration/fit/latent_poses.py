@@ -19,15 +19,13 @@ import numpy as np
 
 from ppmcal.calibration.fit.observation import ResidualJacobian
 from ppmcal.kinematics.closure import Closure
-from ppmcal.kinematics.forward import moved
+from ppmcal.kinematics.forward import FARTHEST, moved
 from ppmcal.kinematics.least_squares_closure import symmetric_system, with_gaps
 from ppmcal.linalg import Array, solve_rows
 
 STEPS = 10
 STILL = 1e-10
 """Steps end where they are below this part of the length scale."""
-FARTHEST = 10.0
-"""A step of more than so many reaches leads nowhere, as in forward kinematics."""
 ROUND_OFF = 1e-9
 """A value that is larger by less than this part of it is not: the bottom is flat."""
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -59,6 +60,11 @@ class AgainstNominal:
     model: Model
     q: Array
     allowed: Array
+
+    @cached_property
+    def as_read(self) -> tuple[Array, Array]:
+        """What :meth:`times` says of the rows as they are read."""
+        return self.times(self.q)
 
     def times(self, q: Array) -> tuple[Array, Array]:
         """Return contradictions (n,), m, and in parts of what is allowed; inf without a pose."""
@@ -123,7 +129,7 @@ def _ways(rows: AgainstNominal, data: Dataset) -> list[_RankedReading]:
     unit in which all are so small that tolerances explain any rows, mixed-up ones too.
     """
     mechanism = rows.model.mechanism
-    plain, as_read = ColumnInterpretation.as_declared(mechanism, data), rows.times(rows.q)[0]
+    plain, as_read = ColumnInterpretation.as_declared(mechanism, data), rows.as_read[0]
     out = []
     for joints in joint_readings(mechanism, data)[1:]:
         q = joints.of(rows.q)
@@ -146,7 +152,7 @@ def _rolled(q: Array) -> Array:
 def contradicted(problem: Problem, data: Dataset) -> AgainstNominal | None:
     """Return rows against the nominal machine, None where most of them do not contradict it."""
     rows = against_nominal(problem, data)
-    if rows is None or np.mean(rows.times(rows.q)[1] > LANDS) <= MANY:
+    if rows is None or np.mean(rows.as_read[1] > LANDS) <= MANY:
         return None
     return rows
 
@@ -157,7 +163,7 @@ def refuse_joint_columns(mechanism: Mechanism, data: Dataset, rows: AgainstNomin
     Raises:
         InterpretationError: with how they are to be read.
     """
-    units, (gap, times) = mechanism.units, (np.median(v) for v in rows.times(rows.q))
+    units, (gap, times) = mechanism.units, (np.median(v) for v in rows.as_read)
     found = [w for w in _ways(rows, data) if w.part * TELLING <= times]
     now = (f"not by {units.words(float(gap), 'length')}" if np.isfinite(gap) else
            "while most rows have no pose as they are read")

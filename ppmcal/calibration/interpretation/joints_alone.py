@@ -119,7 +119,7 @@ def _refuse_still(mechanism: Mechanism, data: Dataset) -> None:
 
 def _refuse_slack(rows: AgainstNominal, data: Dataset) -> None:
     """Refuse limbs that read more than the others let them be, where that explains most rows."""
-    mechanism, wrong = rows.model.mechanism, rows.times(rows.q)[1] > LANDS
+    mechanism, wrong = rows.model.mechanism, rows.as_read[1] > LANDS
     limbs = mechanism.limbs
     one = mechanism.surplus == 1
     if not mechanism.surplus or len({limb.actuator for limb in limbs}) < len(limbs) or (

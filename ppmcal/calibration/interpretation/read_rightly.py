@@ -382,6 +382,6 @@ def refusal(problem: Problem) -> InterpretationError | None:
                 refuse_other_machine(fit)
             except InterpretationError as error:
                 return error
-            for sentence in unused_sentences(fit):
-                return InterpretationError(sentence)
+            if unused := unused_sentences(fit):
+                return InterpretationError(unused[0])
     return None

@@ -366,7 +366,7 @@ class ColumnInterpretation:
             Entries of ``instrument.sigma``, in the sidecar's units; empty where they stay.
         """
         out: dict[str, float] = {}
-        turned = data.kind.quantity == "angle" if self.numbers.own else False
+        turned = bool(self.numbers.own) and data.kind.quantity == "angle"
         for key, sort, miss, sigma in (
                 ("position", self.places, left[0], data.sigma_position),
                 ("rotation", self.turns, left[1], data.sigma_rotation),

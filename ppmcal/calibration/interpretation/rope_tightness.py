@@ -93,12 +93,11 @@ def _long(fit: Fit) -> Iterator[Note]:
     limbs = [i for i, limb in enumerate(mechanism.limbs) if limb.kind.pulls_only and sum(
         other.actuator == limb.actuator for other in mechanism.limbs) == 1]
     estimated = all(d.estimated for d in datasets)
-    used = rows_with_outliers(fit)
-    left_out = any(np.any(u & ~k) for u, k in zip(used, fit.keep, strict=True))
+    left_out = any(gone.any() for gone in fit.outliers)
     if not limbs or not fit.by_tolerances or not (
             estimated or left_out or noise_check(fit).failed):
         return
-    keep = linalg.subsample(used, MOST_ROWS)
+    keep = linalg.subsample(rows_with_outliers(fit), MOST_ROWS)
     known = float(OWN_NOISE_FREEDOM if estimated else NOISE_FREEDOM)
     found = [rope for i in limbs if (rope := _long_rope(fit, i, keep, known))]
     if not found:

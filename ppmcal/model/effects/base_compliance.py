@@ -10,21 +10,19 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.errors import BadInput
 from ppmcal.linalg import Bools
 from ppmcal.model.effects.kind import (
     Derived,
     EffectKind,
     EffectParameter,
-    FromFile,
     Terms,
     Worked,
+    chosen_by,
     linear,
     register,
 )
 from ppmcal.model.effects.setting import PLACE, Setting, Shift
 from ppmcal.model.motions import Motion
-from ppmcal.units import Units
 
 WRENCH = {"x": "fx", "y": "fy", "z": "fz", "rx": "mx", "ry": "my", "rz": "mz"}
 """What works along a coordinate."""
@@ -116,28 +114,18 @@ def _center(axis: int, values: Mapping[str, float], middle: float) -> float:
     return float(linalg.lstsq(rows, moved, rcond=1e-9)[0][axis])
 
 
-def _made(entries: Mapping[str, object], units: Units, joint: str) -> EffectKind:
-    """Return the kind that a file means by ``about``.
-
-    Raises:
-        BadInput: neither base nor platform.
-    """
-    about = entries.get("about", "platform")
-    if about not in ("platform", "base"):
-        raise BadInput(f"a compliance is not about '{about}'", "about",
-                       "Write `about: base` (the base turns on what it stands on), or leave it out")
-    return ABOUT_BASE if about == "base" else BASE_COMPLIANCE
-
-
 def _variants(motion: Motion) -> tuple[EffectKind, ...]:
     """Return what a search tries: springs along the base's axes first, which have few values."""
     of_base = (SEATED, ABOUT_BASE) if motion.turns else ()
     return (ALONG_AXES, BASE_COMPLIANCE, *of_base)
 
 
-FILE = FromFile(("about",), _made)
+FILE = chosen_by(
+    "about", "platform", lambda: {"platform": BASE_COMPLIANCE, "base": ABOUT_BASE},
+    "a compliance is not about '{}'",
+    "Write `about: base` (the base turns on what it stands on), or leave it out")
 
-ABOUT_BASE = EffectKind(
+ABOUT_BASE: EffectKind = EffectKind(
     "base_compliance", "base twist = C W, C symmetric, W the wrench at the base's origin",
     "[LIN] section 4.3; Maxwell's and Betti's reciprocity", _of_base, ("wrench",), _base_terms,
     per_actuator=False, uses_load=True, exists_in=lambda motion: motion.turns, from_file=FILE,

@@ -13,6 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ppmcal.errors import BadInput
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.effects.inputs import BY_NEED, TRAVEL, EffectInput
 from ppmcal.model.effects.setting import Setting, Shift, total
@@ -196,6 +197,22 @@ class FromFile:
 
     entries: tuple[str, ...]
     make: Callable[[Mapping[str, object], Units, str], EffectKind]
+
+
+def chosen_by(entry: str, default: str, kinds: Callable[[], Mapping[str, EffectKind]],
+              wrong: str, hint: str) -> FromFile:
+    """Return how a file chooses between kinds by a word.
+
+    ``entry``: its name; ``default``: the word of a file that leaves it out; ``kinds``: gives word
+    -> kind; ``wrong``, ``hint``: what is said of another word, which stands in the place of {}.
+    """
+    def made(entries: Mapping[str, object], units: Units, joint: str) -> EffectKind:
+        word, known = entries.get(entry, default), kinds()
+        if word not in tuple(known):
+            raise BadInput(wrong.format(word), entry, hint)
+        return known[str(word)]
+
+    return FromFile((entry,), made)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 
-from ppmcal.errors import BadInput
 from ppmcal.linalg import Bools
 from ppmcal.model.effects.kind import (
     EffectKind,
@@ -17,10 +16,10 @@ from ppmcal.model.effects.kind import (
     ScanRange,
     Terms,
     Worked,
+    chosen_by,
     fixed_list,
 )
 from ppmcal.model.effects.setting import Setting
-from ppmcal.units import Units
 
 
 def taus(data: ScanRange) -> list[float]:
@@ -66,19 +65,13 @@ def mean_rate_grown(which: str, setting: Setting, on: Bools, values: Mapping[str
         "growth": shape, "tau": setting.at_slots(which, values["growth"] * slope, on)})
 
 
-def source_of_heat(body: str, kind: Callable[[str], EffectKind]) -> FromFile:
+def source_of_heat(body: str, kinds: Callable[[], Mapping[str, EffectKind]]) -> FromFile:
     """Return how a file says what heats: ``from: motion``, or nothing for the thermometer.
 
-    ``body``: what is heated, for the message; ``kind``: gives the kind by its source.
+    ``body``: what is heated, for the message; ``kinds``: gives source -> kind.
     """
-    def made(entries: Mapping[str, object], units: Units, joint: str) -> EffectKind:
-        source = entries.get("from", "thermometer")
-        if source not in ("thermometer", "motion"):
-            raise BadInput(f"{body} not heated from '{source}'", "from",
-                           "Write `from: motion` (the drives' own work), or leave it out")
-        return kind(str(source))
-
-    return FromFile(("from",), made)
+    return chosen_by("from", "thermometer", kinds, f"{body} not heated from '{{}}'",
+                     "Write `from: motion` (the drives' own work), or leave it out")
 
 
 def body_thermal(body: str, remedy: str) -> EffectKind:
@@ -86,10 +79,7 @@ def body_thermal(body: str, remedy: str) -> EffectKind:
 
     ``remedy``: what to measure that tells it from what looks alike.
     """
-    def kind(source: str) -> EffectKind:
-        return by_source[source]
-
-    file, name = source_of_heat(f"the {body} is", kind), f"{body}_thermal"
+    file, name = source_of_heat(f"the {body} is", lambda: by_source), f"{body}_thermal"
     motion = EffectKind(
         name, f"{body} points x (1 + growth x), x' = (mean |dq|/dt of all drives - x)/tau",
         "ISO 230-3, distortion by moving axes: the drives' work heats what they stand on",

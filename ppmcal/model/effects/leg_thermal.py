@@ -22,13 +22,9 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
     return grown("struts", setting, on, values)
 
 
-def _kind(source: str) -> EffectKind:
-    return FROM_MOTION if source == "motion" else LEG_THERMAL
+FILE = source_of_heat("legs are", lambda: {"thermometer": LEG_THERMAL, "motion": FROM_MOTION})
 
-
-FILE = source_of_heat("legs are", _kind)
-
-FROM_MOTION = EffectKind(
+FROM_MOTION: EffectKind = EffectKind(
     "leg_thermal", "strut lengths x (1 + growth x), x' = (|dq|/dt - x)/tau, by joint",
     "ISO 230-3, distortion by moving axes: the drive's work heats the leg, which cools with tau",
     OWN_WORK, ("past",), rate_grown, from_file=FILE, written=lambda units: {"from": "motion"},

@@ -11,33 +11,33 @@ from functools import partial
 
 import numpy as np
 
-from ppmcal.errors import BadInput
 from ppmcal.linalg import Bools
 from ppmcal.model.effects.inputs import POSE
 from ppmcal.model.effects.kind import (
     STROKE,
     EffectKind,
     EffectParameter,
-    FromFile,
     ScanRange,
     Terms,
     Worked,
+    chosen_by,
     fixed_list,
     linear,
     register,
 )
 from ppmcal.model.effects.setting import PLACE, Setting
 from ppmcal.model.motions import Motion
-from ppmcal.units import Units
 
 AXES = ("x", "y", "z")
+FILE = chosen_by("along", "x", lambda: KINDS, "no base axis '{}'",
+                 f"Write one of {', '.join(AXES)}")
 
 
 def _terms(axis: str, setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
     """Du = shift where the platform is beyond the middle of the anchors along a base axis."""
     anchors = setting.points("base")[..., PLACE[axis]]
     along = setting.pose[:, PLACE[axis]] - 0.5 * (anchors.min(axis=1) + anchors.max(axis=1))
-    beyond = np.where(np.isnan(along), np.nan, np.where(along > values["at"], 1.0, 0.0))
+    beyond = np.where(np.isnan(along), np.nan, along > values["at"])
     return linear(values, {"shift": setting.at_joints(
         np.broadcast_to(beyond[:, None], setting.travel.shape), on)})
 
@@ -56,23 +56,16 @@ def _kind(axis: str) -> EffectKind:
                    EffectParameter("at", "length", 0.0, constant=True, scan=_scan, why="controllers"
                                    " change over in the middle of the frame, as they know it")),
         (), partial(_terms, axis), joints="ropes", uses_load=True, follows=POSE,
-        exists_in=lambda motion: axis in motion.coordinates, from_file=FromFile(("along",), _made),
+        exists_in=lambda motion: axis in motion.coordinates, from_file=FILE,
         written=lambda units: {"along": axis}, variants=_variants,
         title=f"reading that differs between both sides along {axis}",
         remedy="pull the ropes tight in the same order everywhere",
         worked=Worked({"shift": 1e-3, "at": 0.1}, {"travel": 0.2, axis: 0.2}, 1e-3))
 
 
-def _made(entries: Mapping[str, object], units: Units, joint: str) -> EffectKind:
-    axis = entries.get("along", "x")
-    if axis not in AXES:
-        raise BadInput(f"no base axis '{axis}'", "along", f"Write one of {', '.join(AXES)}")
-    return KINDS[str(axis)]
-
-
 def _variants(motion: Motion) -> tuple[EffectKind, ...]:
     return tuple(k for a, k in KINDS.items() if a in motion.coordinates)
 
 
-KINDS = {axis: _kind(axis) for axis in AXES}
+KINDS: dict[str, EffectKind] = {axis: _kind(axis) for axis in AXES}
 SIDE_SHIFT = register(KINDS["x"])
