@@ -88,7 +88,7 @@ def test_a_slack_rope_in_many_rows_is_named(tree, joint, part, tmp_path):
     slack = rng.permutation(len(q))[:round(part * len(q))]
     q[slack, 1] += rng.uniform(0.2, 0.6, len(slack))
     text = refused(path, replace(data, q=q))
-    assert "limbs read longer than the others let them be" in text
+    assert "limbs read longer than the others allow" in text
     assert f"q_{joint} in " in text
 
 
@@ -164,7 +164,7 @@ def test_rows_too_few_are_counted_against_parameters(tmp_path):
         text)
     assert "at least 12 more" in text
     (told,) = too_few(fitted(path, data.take(np.arange(len(data)) < 5)))
-    assert "5 poses give 5 numbers for 14 unknowns" in told and "at least 9 poses more" in told
+    assert "5 poses give 5 numbers for 14 unknowns" in told and "at least 9 more poses" in told
 
 
 # --- one contradiction a row ----------------------------------------------------------------------
@@ -200,9 +200,9 @@ def test_a_rope_slack_in_many_rows_is_among_those_that_may_be(tmp_path):
     slack = np.random.default_rng(2).permutation(len(q))[:36]
     q[slack, 3] += np.random.default_rng(3).uniform(0.1, 0.3, len(slack))
     text = refused(path, replace(data, q=q))
-    assert "limbs read longer than the others let them be in 31 of 60 rows" in text
+    assert "limbs read longer than the others allow in 31 of 60 rows" in text
     assert f"q_{names[3]} in 31 by up to" in text
-    assert "of one contradiction a row the sign alone tells, so it may be any of these" in text
+    assert "with one contradiction per row only its sign is known, so it may be any of" in text
 
 
 # --- joints that count from another zero ----------------------------------------------------------

@@ -162,7 +162,7 @@ def test_an_offset_that_the_sidecar_gives_wrongly_is_opened(desk: Desk) -> None:
     path = desk.changed("zero", value=lambda v: [x + 40.0 for x in v])
     tree = yaml.safe_load(path.with_suffix(".yaml").read_text(encoding="utf-8"))
     sidecar(path, {**tree, "instrument": {**tree["instrument"], "offset": "known"}})
-    with pytest.raises(InterpretationError, match="zero is not where the sidecar has it"
+    with pytest.raises(InterpretationError, match="zero is not where the sidecar puts it"
                        ) as refused:
         refuse_misread(desk.problem(path))
     assert refused.value.hint == "Write into the sidecar: `instrument: {offset: unknown}`"
@@ -274,7 +274,7 @@ def test_a_file_of_which_hardly_a_row_is_used_comes_first(desk: Desk) -> None:
     fit = identify(desk.problem(desk.changed("shuffled", value=shuffled)))
     (note,) = unused_sentences(fit)
     assert re.match(r"shuffled: (none|only \d) of 30 rows (is|are) used \(they contradict the other"
-                    r" files, and no other way to read them was found\)", note)
+                    r" files, and no other reading explains them\)", note)
     # the file as a whole is at fault: its rows have no pattern beside those of the others
     assert left_out(fit).sentence == ""
 
@@ -292,7 +292,7 @@ def test_identify_and_diagnose_begin_with_it(desk: Desk, monkeypatch: pytest.Mon
     told = flat(desk.command("identify", path, expect=1).out)
     assert told.startswith("! odd: ")
     assert "the encoder at left.joint2 reads" not in told     # nothing is known of its offset
-    assert told.count("no other way to read them was found") == 1
+    assert told.count("no other reading explains them") == 1
     found = json.loads((desk.folder / "out" / "identification.json").read_text(encoding="utf-8"))
     assert found["findings"][0].startswith("odd: ")
     from ppmcal.commands.diagnose import run as diagnose_run

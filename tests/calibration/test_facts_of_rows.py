@@ -102,7 +102,7 @@ def test_what_was_touched_in_one_plane_is_known_as_far_above_it_as_beside_it() -
     full[4:, 4] = 0.19, 0.21
     assert list(dict(far_outside(printer, full, ranges))) == [3, 5]
     told = [*extrapolated(printer, full, np.ones(6, dtype=bool), ranges, {})]
-    assert told[0].startswith("6 rows outside of what was measured: z up to 101.5 mm beyond")
+    assert told[0].startswith("6 rows outside the measured range: z up to 101.5 mm beyond")
 
 
 def test_turns_about_half_a_turn_are_held_against_those_beside_home() -> None:
@@ -116,7 +116,7 @@ def test_turns_about_half_a_turn_are_held_against_those_beside_home() -> None:
     assert row == 3
     assert "rx = 210 deg, measured 170 to 180" in reason
     told, = extrapolated(hung, full, np.array([True, True, True, False]), ranges, {})
-    assert told.startswith("1 row outside of what was measured: rx up to 4 deg beyond 170 to 180")
+    assert told.startswith("1 row outside the measured range: rx up to 4 deg beyond 170 to 180")
 
 
 def test_a_row_that_is_refused_already_keeps_its_reason() -> None:
@@ -142,13 +142,13 @@ def test_a_tenth_of_the_width_beyond_is_told() -> None:
     good = np.array([True, True, True, False])
     columns = {"temperature": np.array([293.15, 305.1, 280.0, 100.0])}
     told, = extrapolated(machine(), full, good, ranges, columns)
-    assert told.startswith("1 row outside of what was measured: x up to 2200 mm beyond 0 to 10000;")
+    assert told.startswith("1 row outside the measured range: x up to 2200 mm beyond 0 to 10000;")
     both = list(extrapolated(machine(effects=(1,)), full, good, ranges, columns))
     assert len(both) == 2
     assert both[1].startswith(
-        "1 row outside of what was measured: temperature up to 13.15 C beyond 20 to 30;")
+        "1 row outside the measured range: temperature up to 13.15 C beyond 20 to 30;")
     low = list(extrapolated(machine(), -full, np.ones(4, dtype=bool), ranges, {}))
-    assert low[0].startswith("2 rows outside of what was measured: x up to 1.22e+04 mm")
+    assert low[0].startswith("2 rows outside the measured range: x up to 1.22e+04 mm")
     assert list(extrapolated(machine(), full, np.zeros(4, dtype=bool), ranges, columns)) == []
     assert list(extrapolated(machine(), full, good, {"y": (0.0, 1.0)}, columns)) == []
 
@@ -162,7 +162,7 @@ def test_loads_are_held_against_the_measured_ones(ends: tuple[float, float], ins
     full, good = np.zeros((2, 6)), np.ones(2, dtype=bool)
     columns = {"fz": np.array([inside, beyond])}
     told, = extrapolated(machine(effects=(1,)), full, good, {"fz": ends}, columns)
-    assert told.startswith("1 row outside of what was measured: fz")
+    assert told.startswith("1 row outside the measured range: fz")
 
 
 @pytest.mark.parametrize(("name", "unit"), [("payload", "kg"), ("fx", "N"), ("fz", "N"),
@@ -171,7 +171,7 @@ def test_conditions_are_told_in_their_units(name: str, unit: str) -> None:
     columns = {name: np.array([0.0, 5.0, -4.0])}
     told, = extrapolated(machine(effects=(1,)), np.zeros((3, 6)), np.ones(3, dtype=bool),
                          {name: (0.0, 1.0)}, columns)
-    assert f"2 rows outside of what was measured: {name} up to 4 {unit} beyond 0 to 1;" in told
+    assert f"2 rows outside the measured range: {name} up to 4 {unit} beyond 0 to 1;" in told
 
 
 def test_the_file_of_the_machine_is_asked_before_the_file_beside() -> None:

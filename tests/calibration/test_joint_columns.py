@@ -128,7 +128,7 @@ def test_joint_values_that_fit_nothing_are_told_by_numbers_that_there_are(tmp_pa
     for way in ways(problem, score(problem)):
         score(way.problem)
     said = score(problem).sentence(machine.units)
-    assert "half of the rows miss by more than " in said and "more than ," not in said
+    assert "half of the rows are off by more than " in said and "more than ," not in said
 
 
 def test_check_leaves_with_0_where_nothing_but_the_gauge_is_said(tmp_path):

@@ -671,7 +671,7 @@ def test_check_tells_rows_that_repeat_the_one_before_once(tmp_path: Path) -> Non
         rows[44].update({k: rows[43][k] for k in LEGS})
 
     said = " ".join(ppmcal("check", MACHINE, session(tmp_path, repeated), expect=1).out.split())
-    assert said.count("are still those of the row before") == 1
+    assert said.count("repeat those of the previous row") == 1
 
 
 @pytest.mark.long

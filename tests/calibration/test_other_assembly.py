@@ -114,7 +114,7 @@ def five_bar(side=1):
 def test_encoders_of_a_machine_that_is_assembled_mirrored_are_told_as_that():
     """Not as another machine: the place that is named, and other elbows, are the true file."""
     true, data = read_mechanism(five_bar()), encoded(five_bar())
-    with pytest.raises(InterpretationError, match="assembled another way round") as refused:
+    with pytest.raises(InterpretationError, match="in another assembly") as refused:
         ppmcal.identify(five_bar(-1), data)
     (fault,) = refused.value.found[0].mistakes
     assert fault.kind == "assembly" and "elbow" in refused.value.hint

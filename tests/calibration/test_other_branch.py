@@ -54,14 +54,14 @@ def test_the_branch_is_checked_and_told(tmp_path: Path, other: bool) -> None:
     own = ppmcal.load(ROOT / "configs" / "3-RRR-1.yaml").limbs[0].branch or 1
     file, data = measured(tmp_path, -own if other else own)
     found = ppmcal.identify(file, data)
-    told = [f for f in found.findings if "the other way round" in f]
+    told = [f for f in found.findings if "in the opposite branch" in f]
     assert len(told) == 3 * other
     # it fits as well: nothing else says so
     assert not any("stated noise" in f for f in found.findings)
-    assert sum("the other way round" in f for f in ppmcal.check(file, data).findings) == 3 * other
+    assert sum("opposite branch" in f for f in ppmcal.check(file, data).findings) == 3 * other
     sent = ppmcal.compensate(found, poses(8, 20.0), path=False)
     if other:
         assert len(sent.refused) == 8
-        assert all("the other way round than it was measured" in why for _, why in sent.refused)
+        assert all("in the opposite branch to the measured one" in why for _, why in sent.refused)
     else:
         assert not sent.refused

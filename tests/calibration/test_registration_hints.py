@@ -87,7 +87,7 @@ def test_joint_values_alone_have_no_position_that_would_be_off() -> None:
     fit = identify(Problem(machine, (first, second), machine.free))
     (hint,) = registration_hints(fit)
     (said,) = hint_sentences(fit, [hint])
-    assert said.startswith("day2: `homing: per-file in day2.yaml` takes what is left of it from")
+    assert said.startswith("day2: `homing: per-file in day2.yaml` reduces its residuals from")
     assert "0 to 0" not in said and f"to {hint.after:.3g} times the noise" in said
 
 

@@ -315,7 +315,7 @@ def test_what_was_measured_is_known_without_the_file_beside() -> None:
     found = ppmcal.compensate(known, poses, frame="base", path=False)
     why = [r for _, r in found.refused]
     assert any("far outside the measured volume" in r for r in why)
-    assert any("outside of what was measured: x" in n for n in found.notes)
+    assert any("outside the measured range: x" in n for n in found.notes)
     inside = ppmcal.compensate(measured(mechanism, 1.1), poses, frame="base", path=False)
     assert inside.refused == []
     assert not any("outside" in n for n in inside.notes)

@@ -311,4 +311,4 @@ def test_the_mirror_image_is_told_where_it_fits_as_well(tree, exchanged, tmp_pat
     assert len(findings) == (exchanged is not None)
     for said in findings:
         assert said.topic == "gauge" and said.level == "note"
-        assert f"with {exchanged} exchanged they fit as well" in said
+        assert f"exchanging {exchanged} fits as well" in said

@@ -78,7 +78,7 @@ def test_a_backlash_is_named_though_two_of_three_files_know_no_direction(tmp_pat
     assert [e["kind"] for e in found["effects"]] == ["backlash"]
     (told,) = [f for f in found["findings"] if "direction of approach" in f]
     total = sum(len((folder / f).read_text().splitlines()) - 1 for f in FILES)
-    assert told == (f"what goes with the direction of approach is tested on 81 of {total} rows: "
+    assert told == (f"effects of the direction of approach are tested on 81 of {total} rows: "
                     "dir_a, dir_b, dir_c are not recorded in heights and distances")
     assert "backlash" not in {u["kind"] for u in found["not_testable"]}
     # what was named is fitted to the same files by the command that comes next

@@ -36,7 +36,7 @@ def test_no_effect_is_in_an_instrument_that_there_is_not(tmp_path: Path) -> None
 def test_poses_that_are_too_few_say_what_more_of_them_are_for(tmp_path: Path) -> None:
     (told,) = too_few(identify(problem_of(tmp_path, 3, offset=0)))
     assert told.startswith("3 poses give 6 numbers for 9 unknowns")
-    assert told.endswith("measure at least 2 poses more to have as many numbers as unknowns")
+    assert told.endswith("measure at least 2 more poses, to have as many numbers as unknowns")
 
 
 def test_a_platform_that_does_not_turn_has_no_rotation_to_weigh(tmp_path: Path) -> None:

@@ -42,5 +42,5 @@ if TYPE_CHECKING:
     from ppmcal.calibration.compensation.safe_commands import unsafe_ways as unsafe_ways
     from ppmcal.calibration.compensation.safe_commands import worse_rows as worse_rows
 
-if not TYPE_CHECKING:   # who checks types sees which names there are
+if not TYPE_CHECKING:   # type checkers read the names above
     __getattr__ = on_first_use(__name__)

@@ -1,4 +1,4 @@
-"""Fits of a machine to measurements: rows, registrations, least squares, gross rows, noise."""
+"""Fits a machine to measurements: rows, registrations, least squares, outliers, noise."""
 
 from __future__ import annotations
 
@@ -153,5 +153,5 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.white_rows import whitened as whitened
     from ppmcal.calibration.fit.work import bounded as bounded
 
-if not TYPE_CHECKING:   # who checks types sees which names there are
+if not TYPE_CHECKING:   # type checkers read the names above
     __getattr__ = on_first_use(__name__)

@@ -1,4 +1,4 @@
-"""The rows of a fit with further columns beside its own: what is asked of them."""
+"""The rows of a fit with further columns beside its own."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from ppmcal.inference.priors import WIDE
 from ppmcal.linalg import Array, Bools, reciprocals, subsample
 
 MOST = 20000
-"""At most so many rows are asked, evenly spread."""
+"""At most this many rows are used, evenly spread."""
 
 Group = Mapping[int, tuple[slice, Bools]]
-"""Columns that act together: by data set which of the wider problem's, and in which rows (N,)."""
+"""Columns that act together: by data set, their slice in the wider problem and rows (N,)."""
 
 
 @dataclass(frozen=True, eq=False)
 class AddedColumns:
-    """White rows, reduced: those of a fit and further columns.
+    """White rows, reduced: those of a fit with further columns.
 
     Attributes:
         rows: the fit's columns (k, C) in natural units.
-        added: the further ones (k, T), SI, group after group.
+        added: the further columns (k, T), SI, group after group.
         right: residuals (k,).
-        count: how many values are behind them.
+        count: number of values behind them.
         held: weight of each of the C columns' distance from nominal, natural units.
-        away: how far nominal is from where the rows are linearised, natural units (C,).
+        away: from the linearisation point to the nominal, natural units (C,).
     """
 
     rows: Array
@@ -53,15 +53,15 @@ class AddedColumns:
 
 def added_columns(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
                   wide: Problem, groups: Sequence[Group]) -> AddedColumns:
-    """Return the rows of a problem with columns that a wider one has.
+    """Return the rows of a problem with additional columns of a wider one.
 
     Args:
         problem: of the fit.
         state: where rows are linearised.
         keep: rows that count (N,), by data set.
         prior: weight of each of its columns (C,), SI.
-        wide: with the same data and more open.
-        groups: its columns that are asked for.
+        wide: the problem with the same data and more open.
+        groups: its columns to add.
     """
     width = [next(at.stop - at.start for at, _ in g.values()) for g in groups]
     scale, size = column_scale(problem), len(problem.columns)

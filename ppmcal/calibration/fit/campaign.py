@@ -1,8 +1,8 @@
-"""Campaigns that cannot tell what they are fitted for: flat, short, of few poses.
+"""Weak campaigns: data that cannot determine what is fitted: flat, short, or with few poses.
 
-What the poses span is judged against what the machine can do: singular values of the positions
-and of the rotations, each coordinate over what home can reach along it, such that poses spread
-evenly over all of it have 1.
+The spread of the poses is judged against what the machine can do: singular values of positions
+and of rotations, each coordinate relative to what home can reach along it, so that poses spread
+evenly over all of that have 1.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ from ppmcal.notes import Note
 from ppmcal.wording import pluralize
 
 FLAT = 0.04
-"""Poses do not leave a plane, line or point along what they span less than this of."""
+"""Poses lie in a plane, on a line or at a point if the next singular value is below this."""
 SHORT = 0.2
-"""A stroke is short where no joint uses more than this part of its range."""
+"""A stroke is short if no joint uses more than this part of its range."""
 FEW = 1.5
-"""Poses are few where there are fewer measured numbers than this for each unknown."""
+"""Poses are few if there are fewer measured numbers per unknown than this."""
 HALF = 0.5
-"""A parameter is unknown where poses leave open more than this part of its tolerance, beyond what
-no pose of the instrument tells: an unknown frame, say, may always be the base's."""
+"""A parameter is unknown if the poses leave open more than this part of its tolerance, beyond what
+no pose of the instrument could determine: an unknown frame, say, is confounded with the base's."""
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz", "radius", "angle")
 SPANS = {2: ("one point", "a line"), 3: ("one point", "a line", "a plane")}
 
 
 @dataclass(frozen=True, eq=False)
 class MissingPoses:
-    """Measurements that would tell what a campaign leaves unknown, SI.
+    """Measurements that would determine what a campaign leaves unknown, SI.
 
     ``q`` (R, k) joints, ``pose`` (R, 6) platform poses in the base frame; ``where``: coordinates
-    in which they go beyond the campaign: name, lowest, highest.
+    in which they extend the campaign: name, lowest, highest.
     """
 
     q: Array
@@ -54,11 +54,11 @@ class WeakCampaign:
     """A weak campaign.
 
     Attributes:
-        shapes: what is weak about it, in words.
+        shapes: its weaknesses, in words.
         unknown: parameters that it leaves open to more than :data:`HALF` of their tolerance.
         groups: the same in a few words.
-        touches: whether it is touches that are measured.
-        missing: the measurements that would tell.
+        touches: whether the measurements are touches.
+        missing: the measurements that would determine them.
     """
 
     shapes: tuple[str, ...]
@@ -69,26 +69,26 @@ class WeakCampaign:
 
 
 def weak_shapes(fit: Fit) -> tuple[str, ...]:
-    """Return in words what is weak about the poses of a fit; empty where nothing is."""
+    """Return the weaknesses of a fit's poses in words; empty if there are none."""
     return (*_spanned(fit), *_stroke(fit), *few_poses(fit)) if fit.problem.free else ()
 
 
 def geometry(fit: Fit) -> tuple[int, ...]:
-    """Return the free parameters of a fit that belong to no effect."""
+    """Return the free parameters of a fit that do not belong to effects."""
     effects = {p for e in fit.problem.mechanism.effects for p in e.parameters.values()}
     return tuple(p for p in fit.problem.free if p not in effects)
 
 
 def poses_in_use(fit: Fit) -> Array:
-    """Return the platform poses (N, 6) of the rows in use, base frame; of distances both ends."""
+    """Return the platform poses (N, 6) of the rows in use, base frame; both ends of distances."""
     return pose_vector(np.concatenate([p[k & finite_rows(p)].reshape(-1, 8) for p, k in zip(
         fit.state.poses, fit.keep, strict=True)]))
 
 
 def room(mechanism: Mechanism) -> tuple[tuple[int, ...], Array]:
-    """Return the coordinates that a pose names, and how far home can go along each (c,), SI.
+    """Return the coordinates that a pose has, and how far home can go along each (c,), SI.
 
-    A thousandth of the reach, or of a radian, where it can go nowhere.
+    At least a thousandth of the reach, or of a radian.
     """
     nominal = replace(mechanism.nominal(), effects=())
     chosen = named(nominal)
@@ -98,7 +98,7 @@ def room(mechanism: Mechanism) -> tuple[tuple[int, ...], Array]:
 
 
 def _spanned(fit: Fit) -> Iterable[str]:
-    """Yield in which point, line or plane the poses lie, and how the platform does not turn."""
+    """Yield the point, line or plane that the poses lie in, and how the platform never turns."""
     chosen, size = room(fit.problem.mechanism)
     pose = poses_in_use(fit)[:, list(chosen)]
     away = (pose - pose.mean(axis=0)) / size * np.sqrt(12.0 / max(len(pose), 1))
@@ -120,7 +120,7 @@ def _spanned(fit: Fit) -> Iterable[str]:
 
 
 def _stroke(fit: Fit) -> Iterable[str]:
-    """Yield that no joint moves far, against its limits."""
+    """Yield that no joint uses much of the range between its limits."""
     limits = fit.problem.mechanism.limits
     q = np.concatenate([x for i in range(len(fit.problem.datasets)) if fit.keep[i].any()
                         for x, _ in fit.problem.ends(i, fit.state, np.flatnonzero(fit.keep[i]))])
@@ -130,7 +130,7 @@ def _stroke(fit: Fit) -> Iterable[str]:
 
 
 def few_poses(fit: Fit) -> Iterable[str]:
-    """Yield that there are few numbers for so many unknowns, frames included."""
+    """Yield that there are few numbers for the unknowns, frames included."""
     columns, count, poses = _numbers(fit)
     if count < FEW * columns:
         yield (f"{pluralize(poses, 'pose')} give {pluralize(count, 'number')} for "
@@ -138,29 +138,29 @@ def few_poses(fit: Fit) -> Iterable[str]:
 
 
 def too_few(fit: Fit) -> Iterable[Note]:
-    """Yield that the measured numbers are fewer than the unknowns, so that no fit can tell them."""
+    """Yield that there are fewer measured numbers than unknowns, so that no fit determines them."""
     columns, count, poses = _numbers(fit)
     if count < columns:
         yield Note(f"{pluralize(poses, 'pose')} give {pluralize(count, 'number')} for "
                    f"{pluralize(columns, 'unknown')}: the tolerances decide what these data "
-                   "cannot, and a fit to the noise shows nothing; measure "
+                   "cannot, and fitting to within the noise proves nothing; measure "
                    f"{_more(fit, columns - count)}", topic="few rows")
 
 
 def _more(fit: Fit, missing: int) -> str:
-    """Return how many poses more give numbers for all, of joint values alone; else only more."""
+    """Return how many more poses to measure: a number for joint values alone, else just more."""
     surplus = fit.problem.mechanism.surplus
     if not surplus or not all(d.kind.blind for d in fit.problem.datasets):
         return "more poses"
-    return (f"at least {pluralize(-(-missing // surplus), 'pose')} more to have as many numbers "
+    return (f"at least {pluralize(-(-missing // surplus), 'more pose')}, to have as many numbers "
             "as unknowns")
 
 
 def _numbers(fit: Fit) -> tuple[int, int, int]:
-    """Return how many unknowns there are, frames included, measured numbers for them, and poses."""
+    """Return the numbers of unknowns (frames included), of measured numbers, and of poses."""
     columns, count, poses = len(fit.problem.columns), 0, 0
     for data, keep in zip(fit.problem.datasets, fit.keep, strict=True):
-        # a pose measured again tells noise, or effects, and nothing new of the geometry
+        # repeats of a pose show noise, or effects, but nothing new about the geometry
         own = np.unique(data.groups[keep]).size
         poses += own
         count += own * values_per_row(data, fit.problem.mechanism)
@@ -168,12 +168,12 @@ def _numbers(fit: Fit) -> tuple[int, int, int]:
 
 
 def grouped(mechanism: Mechanism, some: Sequence[str], among: Sequence[str]) -> tuple[str, ...]:
-    """Return parameter names in few words: ``z, rx, ry of every joint``.
+    """Return parameter names abbreviated: ``z, rx, ry of every joint``.
 
     Args:
         mechanism: whose limbs the names begin with.
-        some: the names to tell.
-        among: all that might have been; of these ``every`` speaks.
+        some: the names to abbreviate.
+        among: all candidates; ``every`` means every limb among these.
     """
     limbs = [limb.name for limb in mechanism.limbs]
 

@@ -1,4 +1,4 @@
-"""Residuals and normal equations row by row, compiled: J^T J and J^T r without ever forming J.
+"""Residuals and normal equations row by row, compiled: J^T J and J^T r without forming J.
 
 A row's Jacobian is W [by_pose (-A^-1) blockdiag(b) | registration]: m rows that are products of a
 small matrix G = -W by_pose A^-1 (m, d) and each equation's own entries b. So entries s and t of
@@ -32,7 +32,7 @@ from ppmcal.linalg import Array, Ints
 
 @part
 def times(a: Array, b: Array, out: Array) -> None:
-    """Fill the product of two rotors (4,)."""
+    """Fill ``out`` with the product of two rotors (4,)."""
     out[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3]
     out[1] = a[0] * b[1] + a[1] * b[0] - a[2] * b[3] + a[3] * b[2]
     out[2] = a[0] * b[2] + a[2] * b[0] - a[3] * b[1] + a[1] * b[3]
@@ -74,7 +74,7 @@ def turn_left(sight: InstrumentTables, rotor: Array, shown: Array, work: Array, 
 
 @part
 def seen_point(sight: InstrumentTables, body: Array, arm: Array, point: Array) -> None:
-    """Fill the target from the platform's origin (3,), base axes, and where it is seen (3,)."""
+    """Fill the target relative to the platform's origin (3,), base axes, and as measured (3,)."""
     F, x = sight.frame, sight.target
     for i in range(3):
         arm[i] = body[3 * i] * x[0] + body[3 * i + 1] * x[1] + body[3 * i + 2] * x[2]
@@ -93,7 +93,7 @@ def crossed(row: Array, v: Array, j: int) -> float:
 @part
 def sight_rows(sight: InstrumentTables, body: Array, shown: Array, white: Array, arm: Array,
                point: Array, turned: Array, work: Array, by: Array, seen: Array) -> None:
-    """Fill white derivatives by the pose (m, 6), by open parts (m, f), and the residual behind.
+    """Fill white derivatives by pose (m, 6), and by open parts with the residual last (m, f + 1).
 
     ``work`` (4, 9): scratch.
     """
@@ -159,9 +159,9 @@ def row_squares(sight: InstrumentTables, pose: Array, shown: Array, white: Array
     """Return the squared white residual of each row (N,).
 
     Args:
-        sight: of the instrument, in m coordinates.
+        sight: the instrument, with m coordinates.
         pose: platform motors (N, 8).
-        shown: what was measured (N, 6), 0 where nothing was.
+        shown: measurements (N, 6), 0 where nothing was measured.
         white: 1/sigma (N, m), 0 where nothing was measured.
     """
     out = np.zeros(pose.shape[0])
@@ -184,19 +184,19 @@ def row_squares(sight: InstrumentTables, pose: Array, shown: Array, white: Array
 @part
 def add_four(a: float, b: float, c: float, d: float, w: Array, x: Array, y: Array, z: Array,
              out: Array) -> None:
-    """Add four rows times their factors to another of their length, read and written once."""
-    # slices from 0 on: an index that might be negative is looked at each time
+    """Add four rows times their factors to a row of the same length, read and written once."""
+    # slices from 0 on: for an index that might be negative the sign is tested each time
     for j in range(out.shape[0]):
         out[j] += (a * w[j] + b * x[j]) + (c * y[j] + d * z[j])
 
 
 @part
 def products(both: Array, pairs: Array) -> None:
-    """Fill the upper half of Q^T Q (b, b, BLOCK) of several Q (m, b, BLOCK) side by side."""
+    """Fill the upper half of Q^T Q (b, b, BLOCK) for several Q (m, b, BLOCK) side by side."""
     m, size = both.shape[0], both.shape[1]
     for e in range(size):
         for f in range(e, size):
-            # BLOCK sums held apart: a loop over them would go through memory
+            # BLOCK separate sums: a loop over them would go through memory
             s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0
             for i in range(m):
                 x, y = both[i, e], both[i, f]
@@ -216,7 +216,7 @@ def products(both: Array, pairs: Array) -> None:
 @part
 def add_normal(entries: EntryTables, pairs: Array, value: Array, across: Array, out: Array
                ) -> None:
-    """Add some rows' part of the upper half of (J r)^T (J r) (T, T), T = S + f + 1.
+    """Add some rows' contribution to the upper half of (J r)^T (J r) (T, T), T = S + f + 1.
 
     ``pairs`` (d + f + 1, d + f + 1, BLOCK): products of their columns; ``value`` (BLOCK, S);
     ``across`` (4, T): scratch.
@@ -253,20 +253,20 @@ def add_normal(entries: EntryTables, pairs: Array, value: Array, across: Array, 
 @compiled
 def white_rows(limbs: LimbTables, entries: EntryTables, sight: InstrumentTables, columns: Ints,
                u: Array, q: Array, pose: Array, shown: Array, white: Array, out: Array) -> Array:
-    """Fill rows (J r), or return (J r)^T (J r), its upper half, without them.
+    """Fill rows (J r), or return the upper half of (J r)^T (J r) without forming them.
 
-    One function for both, with all that a row needs in it: to hand two dozen arrays on to another
-    takes as long as half of the work.
+    One function does both, and all the work on a row: passing two dozen arrays to another function
+    costs half as much again.
 
     Args:
         limbs: of the closure.
-        entries: what its columns are made of.
-        sight: of the instrument, in m coordinates.
-        columns: of the open parts, and of the residual (f + 1,).
+        entries: of which its columns consist.
+        sight: the instrument, with m coordinates.
+        columns: those of the open parts, and of the residual (f + 1,).
         u: joint coordinates (N, L).
         q: joint values (N, k).
         pose: closed platform motors (N, 8).
-        shown: what was measured (N, 6), 0 where nothing was.
+        shown: measurements (N, 6), 0 where nothing was measured.
         white: weight/sigma (N, m), 0 where nothing was measured.
         out: (N, m, C + 1), zeros, or (0, m, C + 1) for sums.
 

@@ -1,13 +1,13 @@
 """Rows of machines with surplus equations, compiled: white, and with their pose eliminated.
 
-A row's closure c, by what its joints say, and what its instrument shows are white together:
+A row's closure c at its joint values and its instrument's measurements are whitened together:
 
     (D c, V (y - h)),    moved by its pose as    P = (D A, V H),
 
-with D one over the noise of each equation by its joint and its gap. Reflections make P a triangle:
-what they leave of a row below that is what no pose explains, and all that the row tells (Golub and
-Pereyra 1973). It is what :mod:`raw_rows` and :mod:`white_rows` make by another basis, so that sums
-and squares are theirs.
+where D is one over the noise of each equation due to its joint and its gap. Reflections make P a
+triangle; the rest of a row, below it, is what no pose explains and all the information in the row
+(Golub and Pereyra 1973). :mod:`raw_rows` and :mod:`white_rows` give the same in another basis, with
+the same sums and squares.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ from ppmcal.linalg import Array, Ints
 
 @part
 def reflected(T: Array, d: int, pivot: Array) -> None:
-    """Make the first d columns of a matrix a triangle by reflections of its rows.
+    """Reduce the first d columns of a matrix to a triangle by reflections of its rows.
 
     ``T`` (c, n) holds columns; ``pivot`` (d,) becomes the triangle's diagonal, and column j of T
-    holds above it what the triangle does.
+    holds the triangle's entries above it.
     """
     columns, n = T.shape
     for k in range(d):
@@ -70,7 +70,7 @@ def reflected(T: Array, d: int, pivot: Array) -> None:
 
 @part
 def solved_triangle(T: Array, pivot: Array, x: Array) -> None:
-    """Fill x (d,) with what takes most off column d of T, as :func:`reflected` left it."""
+    """Fill x (d,) with the least-squares solution for column d of T, from :func:`reflected`."""
     d = x.shape[0]
     for k in range(d - 1, -1, -1):
         x[k] = T[d, k]
@@ -84,7 +84,7 @@ def pose_columns(white: Array, A: Array, c: Array, by: Array, seen: Array, dof: 
                  ) -> float:
     """Fill the first d columns of T with P, and column d with the residual; return its square.
 
-    ``white`` (m,): D; ``by`` (k, 6) and ``seen`` (k, f + 1), white: as of :func:`sight_rows`.
+    ``white`` (m,): D; ``by`` (k, 6) and ``seen`` (k, f + 1), white: see :func:`sight_rows`.
     """
     m, d = A.shape
     last = seen.shape[1] - 1
@@ -106,22 +106,22 @@ def pose_columns(white: Array, A: Array, c: Array, by: Array, seen: Array, dof: 
 def likely_rows(limbs: LimbTables, sight: InstrumentTables, noise: Array, gaps: Array, u: Array,
                 pose: Array, shown: Array, white: Array, steps: int, still: float, slack: float
                 ) -> Array:
-    """Move poses (N, 8) in place to where rows most likely stood; return their squares (N,).
+    """Move poses (N, 8) in place to the most likely ones of the rows; return their squares (N,).
 
-    As :func:`latent_poses.most_likely`, row by row.
+    Like :func:`latent_poses.most_likely`, row by row.
 
     Args:
         limbs: of the closure.
-        sight: of the instrument, in k coordinates.
+        sight: the instrument, with k coordinates.
         noise: of the limbs' joint coordinates (L,), m or rad.
         gaps: of the equations (m,), m.
         u: joint coordinates (N, L).
         pose: platform motors (N, 8) by joints alone.
-        shown: what was measured (N, 6), 0 where nothing was.
+        shown: measurements (N, 6), 0 where nothing was measured.
         white: 1/sigma (N, k), 0 where nothing was measured.
-        steps: at most so many.
-        still: they end where they are below this, m and rad.
-        slack: a value that is larger by this part of it is not.
+        steps: maximum number of steps.
+        still: steps below this end the iteration, m and rad.
+        slack: a value counts as larger only if by more than this part.
     """
     count, m, d, k = pose.shape[0], limbs.form.shape[0], limbs.dof.shape[0], white.shape[1]
     out, f = np.full(count, math.nan), sight.parts.shape[0]
@@ -177,11 +177,11 @@ def likely_rows(limbs: LimbTables, sight: InstrumentTables, noise: Array, gaps: 
 def white_rows(limbs: LimbTables, entries: EntryTables, sight: InstrumentTables, columns: Ints,
                noise: Array, gaps: Array, u: Array, q: Array, pose: Array, shown: Array,
                white: Array, weight: Array, out: Array) -> Array:
-    """Fill rows (J r), or return (J r)^T (J r), its upper half, without them.
+    """Fill rows (J r), or return the upper half of (J r)^T (J r) without forming them.
 
-    Arguments as of :func:`compiled_rows.white_rows` and :func:`likely_rows`: ``pose`` (N, 8) is
-    where rows most likely stood, ``weight`` (N,) that of their residuals, ``out``
-    (N, m + k - d, C + 1) zeros, or (0, m + k - d, C + 1) for sums.
+    Arguments as for :func:`compiled_rows.white_rows` and :func:`likely_rows`: ``pose`` (N, 8) are
+    the rows' most likely poses, ``weight`` (N,) multiplies their residuals, ``out``
+    (N, m + k - d, C + 1) is zeros, or (0, m + k - d, C + 1) for sums.
     """
     rows, m, d, k = pose.shape[0], limbs.form.shape[0], limbs.dof.shape[0], white.shape[1]
     count, rest, summing = entries.place.shape[0], columns.shape[0], out.shape[0] == 0

@@ -1,8 +1,8 @@
-"""Half of a 95 % interval: 1.96 sigma of a noise that is known, more of one that was estimated.
+"""Half width of a 95 % interval: 1.96 sigma if the noise is known, more if it was estimated.
 
-The one place that makes an interval of a sigma. The variance of rows is a scaled inverse
+The one place that makes an interval from a sigma. The variance of rows is a scaled inverse
 chi-squared about the stated one, which counts as :data:`LEAST` values; integrated out, an estimate
-that no tolerance holds in part has Student's distribution (Gelman et al., Bayesian Data
+that no tolerance constrains has Student's distribution (Gelman et al., Bayesian Data
 Analysis, 3.2).
 """
 
@@ -14,20 +14,20 @@ from scipy.special import chdtri, ndtr, stdtrit
 from ppmcal.linalg import Array
 
 Z95 = 1.959963984540054
-"""Half of a 95 % interval over sigma where the size of the noise is known."""
+"""Half width of a 95 % interval over sigma if the noise is known."""
 LEAST = 5.0
-"""A data set of less redundancy keeps its stated noise; where that is only where an estimate
-starts, it counts as so many redundant values more."""
+"""A data set of less redundancy keeps its stated noise; if that is only a starting value for the
+estimate, it counts as this many redundant values."""
 NODES = 200
-"""Sizes of the noise that an interval is a mixture of."""
+"""Number of noise variances in the mixture that an interval is of."""
 
 
 def variances(chi2: float, degrees: float) -> Array:
-    """Return equally likely variances of the rows (n,), over the stated one.
+    """Return equally likely variances of the rows (n,), relative to the stated one.
 
     Args:
-        chi2: of what no error of the machine can explain, in stated noise.
-        degrees: of freedom of that; none where not positive.
+        chi2: of what no error of the machine can explain, by the stated noise.
+        degrees: its degrees of freedom; without any the stated noise alone counts.
     """
     freedom = LEAST + max(degrees, 0)
     chance = (np.arange(NODES) + 0.5) / NODES
@@ -35,7 +35,7 @@ def variances(chi2: float, degrees: float) -> Array:
 
 
 def half_of_mixture(variance: Array) -> Array:
-    """Return the half width (C,) that holds 95 % of a mixture of normals, variances (n, C)."""
+    """Return the half width (C,) containing 95 % of a mixture of normals, variances (n, C)."""
     sigma = np.sqrt(np.maximum(variance, 1e-300))
     low, high = sigma.min(axis=0), 10.0 * sigma.max(axis=0)
     for _ in range(60):
@@ -46,16 +46,16 @@ def half_of_mixture(variance: Array) -> Array:
 
 
 def coverage_of(variance: Array) -> float:
-    """Return half of a 95 % interval over the sigma that unit noise makes.
+    """Return the half width of a 95 % interval over the sigma for unit noise.
 
     Args:
-        variance: equally likely variances of the noise (n,), over unit noise.
+        variance: equally likely variances of the noise (n,), relative to unit noise.
     """
     return float(half_of_mixture(variance[:, None])[0])
 
 
 def coverage_by(degrees: float) -> float:
-    """Return the same of a noise that was estimated from so many degrees of freedom (Student).
+    """Return the same for noise estimated with so many degrees of freedom (Student).
 
     >>> round(coverage_by(float("inf")), 2), round(coverage_by(10.0), 2)
     (1.96, 2.23)
@@ -64,12 +64,12 @@ def coverage_by(degrees: float) -> float:
 
 
 def half_interval(low: float | None, high: float | None, sigma: float | None) -> float | None:
-    """Return half of a 95 % interval from its ends, else from sigma as if the noise were known."""
+    """Return the half width of a 95 % interval from its ends, else from sigma as known noise."""
     if low is not None and high is not None:
         return 0.5 * (high - low)
     return None if sigma is None else Z95 * sigma
 
 
 def half_or(half: float | None, sigma: float | None) -> float | None:
-    """Return half of a 95 % interval; where a file does not say, as if the noise were known."""
+    """Return the half width of a 95 % interval; if not given, from sigma as known noise."""
     return half if half is not None else half_interval(None, None, sigma)

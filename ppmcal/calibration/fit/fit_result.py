@@ -1,4 +1,4 @@
-"""What a fit is: its options, its result, and the covariance that follows from it."""
+"""A fit: its options, its result, and the covariance that follows from it."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from ppmcal.wording import pluralize
 
 ITERATIONS = 60
 OUTLIER = "outlier"
-"""How the reason begins for which such a row is left out."""
+"""First word of the reason for which an outlier is left out."""
 LIKE_NOISE = 0.05
-"""Residuals are no more than the noise where chance gives a larger chi-squared this often."""
+"""Residuals count as noise if chance gives a larger chi-squared at least this often."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class FitOptions:
 
     ``method``: ``prior``, ``flat`` (no prior), ``gcv`` (prior scale by generalised
     cross-validation) or ``damped`` ([PPM] section 4.5, with ``damping`` its 0.9).
-    ``iterations``: at most so many; default 60, of the damped scheme 6000.
+    ``iterations``: at most this many; default 60, for the damped scheme 6000.
     """
 
     method: str = "prior"
@@ -44,7 +44,7 @@ class FitOptions:
 
     @property
     def most(self) -> int:
-        """Iterations of Gauss-Newton at most."""
+        """Maximum number of Gauss-Newton iterations."""
         return self.iterations or ITERATIONS
 
 
@@ -54,23 +54,23 @@ class Fit:
 
     Attributes:
         problem, state: what was fitted and where it ended.
-        information: the rows at the end.
+        information: the reduced rows at the end.
         prior: weights 1/tau of the parameter columns, 0 without prior (C,).
         scale: one tolerance, or a unit of comparable effect, per column (C,).
         keep: rows used, by data set.
         iterations, converged: of the loop.
-        times: by how many times the noise each row that was left out is off, by data set.
-        repeated: of those that were left out because of their repeats, which these are: their times
-            are of the scatter of repeats.
-        contradicting: rows in use that were read at one place and of which one does not belong,
-            nobody knows which: their indices, place by place, by data set.
+        times: residual over noise of each row that was left out, by data set.
+        repeated: repeats of those left out because they disagree with their repeats; their
+            ``times`` are relative to the scatter of repeats.
+        contradicting: rows in use that were read at one place, one of which is wrong but
+            cannot be told from the others: their indices, place by place, by data set.
         noise_factor: robust scale of the residuals over the stated noise, at least 1 (D,).
-        prior_scale: factor on the tolerances that generalised cross-validation chose.
-        stopped: where a fit was ended on purpose before it had converged, in words.
-        noise: the rows at the end are white by this many times the stated noise.
+        prior_scale: factor on the tolerances chosen by generalised cross-validation.
+        stopped: why a fit was ended on purpose before it converged, in words.
+        noise: the rows at the end are whitened by this many times the stated noise.
         reasons: why rows were left out, by data set: row index -> reason.
-        taken_back: rows that had no pose at the start and have one, and belong, at the end.
-        summed: in how many of the iterations the step came from normal equations.
+        taken_back: number of rows without a pose at the start that are in use at the end.
+        summed: number of iterations whose step came from normal equations.
     """
 
     problem: Problem
@@ -98,7 +98,7 @@ class Fit:
 
     @property
     def ended(self) -> bool:
-        """Whether it is at its minimum, or was stopped where residuals are like noise."""
+        """Whether it converged, or was stopped with residuals like noise."""
         return self.converged or (bool(self.stopped) and like_noise(self.information))
 
     @property
@@ -110,12 +110,12 @@ class Fit:
 
     @property
     def stated(self) -> Array:
-        """The prior's weights (C,) that files of measurements state, 0 for the tolerances."""
+        """The prior weights (C,) stated by measurement files, 0 for the tolerances."""
         return np.where(np.arange(self.prior.size) < len(self.problem.free), 0.0, self.prior)
 
     @property
     def by_tolerances(self) -> bool:
-        """Whether tolerances of parameters count."""
+        """Whether parameter tolerances enter."""
         return bool(self.prior[:len(self.problem.free)].any())
 
     @property
@@ -131,9 +131,9 @@ class Fit:
 
 def unfitted(problem: Problem, state: State | None = None, keep: Sequence[Bools] = (),
              method: str = "prior", scale: float = 1.0) -> Fit:
-    """Return a fit that has made no step: what rows (N,) see of a machine where it stands.
+    """Return a fit without any step: the information in rows (N,) about a machine as it stands.
 
-    ``state``, ``keep``: default the start, and the rows that have a pose there; ``method``,
+    ``state``, ``keep``: by default the start, and the rows that have a pose there; ``method``,
     ``scale``: of the prior.
     """
     state = state or problem.start()
@@ -148,9 +148,9 @@ def like_noise(rows: SquareRootInformation) -> bool:
 
 
 def data_rows(fit: Fit) -> tuple[Array, Array]:
-    """Return what files say at the end of a fit as rows |matrix s - right|^2 (k, C), (k,), SI.
+    """Return what files state at the end of a fit as rows |matrix s - right|^2 (k, C), (k,), SI.
 
-    What was measured, and what files say of their own scales: all but the tolerances.
+    The measurements and the files' own scales: everything but the tolerances.
     """
     weight = fit.stated
     rows = np.flatnonzero(weight)
@@ -160,14 +160,14 @@ def data_rows(fit: Fit) -> tuple[Array, Array]:
 
 
 def directions(fit: Fit, prior: Array | None = None) -> tuple[Array, Array, Bools]:
-    """Return what data and prior know, direction by direction, in natural units.
+    """Return the information of data and prior, direction by direction, in natural units.
 
     Args:
         fit: the fit.
-        prior: weights in place of the fit's (C,).
+        prior: weights to use instead of the fit's (C,).
 
     Returns:
-        singular values (r,), directions (r, C), and which of them are seen at all (r,).
+        singular values (r,), directions (r, C), and whether each is seen at all (r,).
     """
     weights = fit.prior if prior is None else prior
     matrix = np.concatenate([fit.information.root * fit.scale, np.diag(weights * fit.scale)])
@@ -176,15 +176,15 @@ def directions(fit: Fit, prior: Array | None = None) -> tuple[Array, Array, Bool
 
 
 def prediction_root(fit: Fit, slopes: Array, prior: Array | None = None) -> Array:
-    """Return R (..., r), R R^T the covariance of slopes (..., C) . columns.
+    """Return R (..., r), where R R^T is the covariance of slopes (..., C) . columns.
 
     Args:
         fit: the fit.
-        slopes: of what is predicted, by column.
-        prior: weights in place of the fit's (C,).
+        slopes: of the prediction, by column.
+        prior: weights to use instead of the fit's (C,).
 
     Returns:
-        inf in rows of what moves with a direction that neither data nor prior see.
+        inf in rows that move with a direction that neither data nor prior see.
     """
     s, vt, seen = directions(fit, prior)
     units = slopes * fit.scale
@@ -193,11 +193,11 @@ def prediction_root(fit: Fit, slopes: Array, prior: Array | None = None) -> Arra
 
 
 def prediction_covariance(fit: Fit) -> Array:
-    """Return a covariance (C, C) that is right for predictions of measured rows.
+    """Return a covariance (C, C) that is valid for predictions of measured rows.
 
-    Noise beyond the stated one is in the rows (:func:`noise.with_noise`), never in the
+    Noise beyond the stated noise is in the rows (:func:`noise.with_noise`), never in the
     prior: a parameter is known at least as well as its tolerance says.
-    Null directions do not move what the data saw, so they are left out altogether.
+    Null directions do not move anything that was measured, so they are left out.
     """
     s, vt, seen = directions(fit)
     v = vt[seen].T / s[seen]
@@ -205,22 +205,22 @@ def prediction_covariance(fit: Fit) -> Array:
 
 
 def values_fitted(seen: int, variance: Array, prior: Array) -> float:
-    """Return how many values a fit with a prior takes: the trace of its hat matrix.
+    """Return the number of values absorbed by a fit with a prior: the trace of its hat matrix.
 
     tr J (J'J + P'P)^-1 J' = seen - sum of prior^2 variance: columns that data do not see, or see
-    together only, and columns that their prior holds take less than one value each. Residuals of
-    n values have a mean square of (n - trace) times the noise's, not of n less the columns.
+    only in combination, or that their prior holds, absorb less than one value each. Residuals of
+    n values have a mean square of (n - trace)/n times the noise variance, not (n - columns)/n.
 
     Args:
-        seen: directions that data or prior see, C where all are.
-        variance: of each column by data and prior (C,).
+        seen: directions seen by data or prior, C if all are.
+        variance: of each column given data and prior (C,).
         prior: weight of each column's distance from its nominal (C,), unit of 1/column.
     """
     return float(seen - np.sum(prior**2 * variance))
 
 
 def values_taken(fit: Fit) -> float:
-    """Return how many values a fit took, as :func:`values_fitted` counts them."""
+    """Return the number of values that a fit absorbed, see :func:`values_fitted`."""
     seen = int(np.sum(directions(fit)[2]))
     return values_fitted(seen, np.diagonal(prediction_covariance(fit)), fit.prior)
 
@@ -228,7 +228,7 @@ def values_taken(fit: Fit) -> float:
 def residual_freedom(fit: Fit) -> float:
     """Return the degrees of freedom of the rows' residuals: values less those fitted, at least 1.
 
-    Rows that stand for an earlier fit count as values.
+    Rows that stand for an earlier fit count as values too.
     """
     return max(fit.information.count - values_taken(fit), 1.0)
 
@@ -236,7 +236,7 @@ def residual_freedom(fit: Fit) -> float:
 def posterior(fit: Fit) -> Array:
     """Return the covariance of all columns (C, C), SI; inf on the diagonal where unbounded.
 
-    Columns that take part in a direction seen neither by data nor by prior get an infinite
+    Columns that take part in a direction seen by neither data nor prior get an infinite
     variance; their covariances are those within the bounded part.
     """
     _, vt, seen = directions(fit)

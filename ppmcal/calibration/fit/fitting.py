@@ -1,9 +1,9 @@
 """The identification loop: whitened Gauss-Newton with the tolerances as prior.
 
-Minimised is  sum |W (measured - predicted)|^2 + sum ((g - g0)/tau)^2  over the free
+Minimises  sum |W (measured - predicted)|^2 + sum ((g - g0)/tau)^2  over the free
 parameters and every open frame and target. Each iteration reduces all rows to one
-triangle R by accumulated QR; everything else happens on that small matrix. Each row counts by
-how likely it belongs; those that hardly do are left out and reported.
+triangle R by accumulated QR; everything else happens on that small matrix. Each row is
+weighted by its probability of belonging; outliers are left out and reported.
 """
 
 from __future__ import annotations
@@ -36,28 +36,28 @@ from ppmcal.model.registration import Registration
 from ppmcal.wording.progress import stage
 
 MANY_ROWS, FEW_ROWS = 8000, 3000
-"""Beyond so many rows a fit to so few of them comes first."""
+"""With more rows than the first, a fit to a subsample of the second size comes first."""
 log = logging.getLogger(__package__)
 STIFFEST = 1e3
-"""While approaching, the prior is no weaker than the best known direction over this."""
+"""During the approach the prior is never weaker than the best-known direction over this."""
 STAGE, STAGE_ITERATIONS = 30.0, 4
-"""Each stage of the approach weakens the prior by this much, in so many iterations."""
+"""Factor by which each stage of the approach weakens the prior, and iterations per stage."""
 
 
 def identify(problem: Problem, options: FitOptions | None = None, start: State | None = None,
              near: bool = False, at_minimum: bool = False) -> Fit:
     """Fit the free parameters and open frames to the data.
 
-    Where no start is given and the fit does not come to its minimum, or fits no geometry, another
-    start of the frames is tried, and the better fit returned; of joint values alone that do not
-    fit, other poses in which the limbs close.
+    Without a given start, if the fit does not converge or has no free geometry, another start of
+    the frames is tried and the better fit returned; for joint values alone that do not fit, other
+    assemblies of the limbs are tried.
 
     Args:
         problem: machine, data and free parameters.
         options: method and its settings.
-        start: where to start, default the machine's present values.
-        near: whether the start is near the minimum already.
-        at_minimum: whether it is the minimum of many of the same rows.
+        start: where to start  [default: the machine's present values].
+        near: whether the start is already near the minimum.
+        at_minimum: whether it is the minimum for many of the same rows.
 
     Raises:
         BadInput: too few rows. NoResult: no pose could be solved, or the damped scheme of
@@ -82,10 +82,10 @@ def identify(problem: Problem, options: FitOptions | None = None, start: State |
 
 
 def _elsewhere(fit: Fit, state: State, options: FitOptions) -> Fit:
-    """Return the better of a fit of joint values alone and one from where else limbs close.
+    """Return the better of a fit of joint values alone and one started from another assembly.
 
-    As long as the geometry is off, limbs may close best on both sides of where the platform is. The
-    other fit counts as far as its machine comes to its rows from home.
+    While the geometry is off, limbs may close best on either side of the true platform pose. The
+    other fit is compared with the poses that its machine reaches from home.
     """
     problem, prior = fit.problem, prior_weights(fit.problem, options.method)
     few, start, keep = _few_rows(problem, state)
@@ -95,7 +95,7 @@ def _elsewhere(fit: Fit, state: State, options: FitOptions) -> Fit:
         near = least_squares(few, other, rows, prior, STAGE_ITERATIONS, None, rough=True).state
         tried.append((cost(few, near, rows, prior, None), len(tried), near))
     if not tried or min(tried)[0] > cost(few, start, keep, prior, None):
-        return fit      # worse than before any fit
+        return fit      # worse than the start before any fit
     g = _fitted(few, options, min(tried)[2], False, False).state.g
     home = Model(problem.mechanism, g)
     poses = tuple(problem.reached(i, home) for i in range(len(problem.datasets)))
@@ -104,12 +104,12 @@ def _elsewhere(fit: Fit, state: State, options: FitOptions) -> Fit:
 
 
 def _stepwise(problem: Problem, state: State, robust: bool) -> tuple[Registration, ...] | None:
-    """Return another start for frames and targets, found with one thing open after another."""
+    """Return another start for frames and targets, found by opening one thing after another."""
     return opened_in_turn(*_few_rows(problem, state), robust)
 
 
 def _few_rows(problem: Problem, state: State) -> tuple[Problem, State, list[Bools]]:
-    """Return the problem and its state, thinned where rows are many, and which can be used."""
+    """Return the problem and its state, thinned if there are many rows, and the usable rows."""
     keep = _usable(problem, state)[0]
     if not _many(keep):
         return problem, state, keep
@@ -118,7 +118,7 @@ def _few_rows(problem: Problem, state: State) -> tuple[Problem, State, list[Bool
 
 
 def _many(keep: Sequence[Bools]) -> bool:
-    """Return whether rows in use are so many that the minimum is sought with some of them first."""
+    """Return whether there are so many rows that a subsample is fitted first."""
     return sum(int(k.sum()) for k in keep) > MANY_ROWS
 
 
@@ -155,7 +155,7 @@ def _fitted(problem: Problem, options: FitOptions, state: State, near: bool, at_
         with stage("coming near"):
             state = _near(problem, state, keep, prior, options, near)
     if options.robust:
-        # a third of wrong rows would pull a plain fit to themselves, and seem to belong there
+        # a third of the rows being wrong would pull a plain fit to themselves and then look right
         aside = beyond_weight(distances(problem, state), keep)
         suspects = [s | a for s, a in zip(suspects, aside, strict=True)]
         keep = [k & ~a for k, a in zip(keep, aside, strict=True)]
@@ -168,7 +168,7 @@ def _fitted(problem: Problem, options: FitOptions, state: State, near: bool, at_
                  "one", sum(int(o.sum()) for o in fit.outliers),
                  fit.noise_factor.max(initial=1.0))
     if options.method == "gcv":
-        # gross errors would pass for a machine that is farther off than it is
+        # gross errors would make the machine look farther off than it is
         fit = _cross_validated(fit, options)
         if options.robust:
             fit = weighed(fit, fit.outliers, fit.state.poses, options)
@@ -177,7 +177,7 @@ def _fitted(problem: Problem, options: FitOptions, state: State, near: bool, at_
 
 
 def _only(state: State, keep: Sequence[Bools]) -> State:
-    """Return the state without poses of the rows that are not in use, which cost time."""
+    """Return the state without the poses of unused rows, which cost time."""
     if all(k.all() for k in keep):
         return state
     return replace(state, poses=tuple(np.where(k[:, None], p, np.nan) for p, k in
@@ -185,9 +185,9 @@ def _only(state: State, keep: Sequence[Bools]) -> State:
 
 
 def _thinned(problem: Problem, state: State, keep: Sequence[Bools]) -> tuple[Problem, State]:
-    """Return the problem with some :data:`FEW_ROWS` of its rows, evenly spread, and its state.
+    """Return the problem with about :data:`FEW_ROWS` of its rows, evenly spread, and its state.
 
-    Finding the minimum takes many passes and few rows; only the last passes need them all.
+    Finding the minimum takes many passes but few rows; only the last passes need all of them.
     """
     share = FEW_ROWS / sum(int(k.sum()) for k in keep)
     rows = []
@@ -221,11 +221,11 @@ def _near(problem: Problem, state: State, keep: Sequence[Bools], prior: Array, o
 
 def _approach(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
               weigh: Callable[[State], Sequence[Array]] | None) -> State:
-    """Come near the minimum with a prior that is too strong at first, then less and less.
+    """Approach the minimum with a prior that is too strong at first and is then weakened.
 
-    Exact data make the valley in which frame and geometry trade places so narrow and curved
-    that straight steps leave it. With the prior never weaker than a thousandth of what the
-    data know best, the valley is wide, and each stage starts next to its minimum.
+    With exact data, the valley in which frame and geometry trade off is so narrow and curved
+    that straight steps leave it. While the prior is never weaker than a thousandth of the
+    best-known direction, the valley is wide and each stage starts close to its minimum.
     """
     scale = column_scale(problem)
     seen = normal_sums(problem, state, keep).matrix * (scale[:, None] * scale)
@@ -280,7 +280,7 @@ def start_off_zero(problem: Problem, state: State, keep: Sequence[Bools]) -> Sta
     """Move parameters off a nominal at which they have no first-order effect.
 
     A lateral offset that enters as u^2 + lateral^2 has zero slope at 0: Gauss-Newton would
-    stay there. Such parameters start half a tolerance away; those whose effect vanishes
+    stay there. Such parameters start half a tolerance away; parameters without effect
     there too (a passive angle) stay at their nominal.
     """
     scale = parameter_scale(problem)
@@ -290,7 +290,7 @@ def start_off_zero(problem: Problem, state: State, keep: Sequence[Bools]) -> Sta
     step = np.zeros(len(problem.columns))
     step[:scale.size] = np.where(flat, 0.5 * scale, 0.0)
     aside = problem.moved(state, step)
-    # only a noticeable slope half a tolerance away makes a parameter worth moving
+    # move a parameter only if its slope half a tolerance away is noticeable
     still = _flat_columns(problem, aside, keep, scale)
     step[:scale.size] = np.where(flat & ~still, 0.5 * scale, 0.0)
     return problem.moved(state, step)
@@ -303,7 +303,7 @@ def _flat_columns(problem: Problem, state: State, keep: Sequence[Bools], scale: 
 
 
 def _cross_validated(fit: Fit, options: FitOptions) -> Fit:
-    """Refit with the prior scale that generalised cross-validation chooses."""
+    """Refit with the prior scale chosen by generalised cross-validation."""
     base, scale = fit.prior, 1.0
     for _ in range(5):
         new = gcv_scale(fit, base)
@@ -318,26 +318,26 @@ def _cross_validated(fit: Fit, options: FitOptions) -> Fit:
 
 # --- a second start of frames and targets: one thing opened after another -------------------------
 #
-# Where a platform hardly turns, or its nominal geometry misses by much, what frame and target do
-# looks alike, and the closed form of both may put them far off. A fit that leaves the target where
-# the file says is then nearer; opening one thing at a time from there never fits worse.
+# Where a platform hardly turns, or its nominal geometry is far off, frame and target are confounded
+# and their closed-form solution may be far off. A fit with the target kept where the file says is
+# then nearer; opening one thing at a time from there never fits worse.
 
 STEPWISE = ("target_rotation", "target")
-"""What is left closed at first, and opened from the last to the first."""
+"""Closed at first, then opened from the last to the first."""
 ITERATIONS = 15
 
 
 def opened_in_turn(problem: Problem, state: State, keep: Sequence[Bools], robust: bool
                    ) -> tuple[Registration, ...] | None:
-    """Return where registrations end that are fitted with one thing open after another.
+    """Return the registrations found by fitting with one thing open after another.
 
-    The geometry stays as it is. None where nothing is open beside frames or beside a target.
+    The geometry stays as it is. None where frames or targets have nothing else open.
 
     Args:
         problem: machine and data.
         state: with the poses at the machine's values.
         keep: rows to use (N,), by data set.
-        robust: far rows count less.
+        robust: give far rows less weight.
     """
     found: State | None = None
     for narrow in _narrower(replace(problem, free=(), earlier=None)):
@@ -353,14 +353,14 @@ def opened_in_turn(problem: Problem, state: State, keep: Sequence[Bools], robust
 
 
 def _narrower(problem: Problem) -> Iterator[Problem]:
-    """Yield a problem with less open, then with more, then as it is; nothing where none has."""
+    """Yield a problem with less open, then with more, then as it is; nothing if none is."""
     words = [w for w in STEPWISE if any(_closed(d, [w]) is not d for d in problem.datasets)]
     for count in range(len(words), -1, -1) if words else ():
         yield problem.changed(datasets=tuple(_closed(d, words[:count]) for d in problem.datasets))
 
 
 def _closed(data: Dataset, words: Sequence[str]) -> Dataset:
-    """Return a data set with parts of its registration as the file says; itself without any."""
+    """Return a data set with parts of its registration fixed at the file's; itself if none is."""
     if not data.frame.fitted:
         return data
     own = {w: replace(getattr(data, w), fitted=False) for w in words if getattr(data, w).fitted}
@@ -368,9 +368,9 @@ def _closed(data: Dataset, words: Sequence[str]) -> Dataset:
 
 
 def loss(fit: Fit, robust: bool) -> tuple[int, float]:
-    """Return how badly a fit does: rows that have no pose, then chi-squared of data and prior.
+    """Return the loss of a fit: number of rows without pose, then chi-squared of data and prior.
 
-    With ``robust`` rows that are far off count as rows that may not belong.
+    With ``robust``, rows that are far off count as rows that may not belong.
     """
     total, lost = prior_square(fit.problem, fit.state, fit.prior), 0
     found = distances(fit.problem, fit.state)

@@ -1,8 +1,8 @@
-"""Touches of a flat: what of the residuals is smooth over the flat, and what is scatter.
+"""Touches of a flat: splits the residuals into a smooth shape over the flat and scatter.
 
-The smooth part is the flat's own shape, or what the model misses; no geometry that was free
-explains it. It is a polynomial in the place touched, of the degree that generalised
-cross-validation prefers, its columns freed of what the fit itself would take.
+The smooth part is the flat's own shape, or an error of the model that no free geometry explains.
+It is a polynomial in the touched position, of the degree chosen by generalised cross-validation,
+with its columns projected off those of the fit.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from ppmcal.linalg import Array, range_basis, subsample
 from ppmcal.units import Finite, OfUnit
 
 ENOUGH = 16
-"""Fewer touches show no shape."""
+"""Fewer touches cannot show a shape."""
 HIGHEST = 6
 MOST_FREEDOM = 0.6
 SURVIVES = 0.03
-"""A shape that the fit took up but for this part tells nothing."""
+"""Shapes that the fit absorbed but for this part carry no information."""
 MOST = 3000
-"""Shapes are fitted to at most so many touches, evenly spread."""
+"""Shapes are fitted to at most this many touches, evenly spread."""
 
 
 @dataclass(frozen=True)
 class Flat:
-    """One set of touches: rms of what is left, m, as ``smooth`` shape and as ``scatter``.
+    """One set of touches: rms of the residuals, m, as ``smooth`` shape and as ``scatter``.
 
-    ``degree`` of the shape (0: none), ``p_value`` of a shape as strong by chance.
+    ``degree`` of the shape (0: none), ``p_value``: chance of a shape as strong from scatter alone.
     """
 
     dataset: str
@@ -45,7 +45,7 @@ class Flat:
 
 
 def flats(fit: Fit) -> Iterator[Flat]:
-    """Yield the shape of each flat that was touched often enough."""
+    """Yield the shape of each flat with enough touches."""
     count = len(fit.problem.columns)
     for i, data in enumerate(fit.problem.datasets):
         if not data.kind.touches:
@@ -72,7 +72,7 @@ def _shape(name: str, at: Array, jacobian: Array, residual: Array, raw: Array) -
     for degree in range(2, HIGHEST + 1):
         columns = linalg.column_basis(_monomials(at, degree))
         columns = columns - basis @ (basis.T @ columns)
-        # places come from the fit: what it took already would be explained by its own residuals
+        # positions come from the fit: what it absorbed would be explained by its own residuals
         w = range_basis(columns, least=SURVIVES)
         freedom = taken + w.shape[1]
         if freedom > MOST_FREEDOM * n:
@@ -90,7 +90,7 @@ def _shape(name: str, at: Array, jacobian: Array, residual: Array, raw: Array) -
         ratio = (float(smooth @ smooth) / extra) / (rest / (n - freedom))
         p = min(1.0, (HIGHEST - 1) * float(fdtrc(extra, n - freedom, ratio)))
     scatter = rest / (n - freedom)
-    # scatter alone would show as a shape too
+    # scatter alone would also appear as a shape
     shape = max(0.0, (float(smooth @ smooth) - extra * scatter) / n)
     return Flat(name, unit * float(np.sqrt(shape)), unit * float(np.sqrt(scatter)), degree, p)
 

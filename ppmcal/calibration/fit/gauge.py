@@ -1,9 +1,9 @@
-"""What a machine that calibrates itself cannot see of its own frames: its gauge.
+"""The gauge freedom of a self-calibrating machine: what it cannot know of its own frames.
 
-Joint values alone, of drives and of encoders at other joints, are the same wherever the base
-stands, and wherever the platform's own axes are put in it. So some coordinates of base points, then
-of platform points, are held where they are and define these frames: all of the first limb's, of the
-next ones as many as turns would leave open. They are a choice, and neither known nor redundant.
+Joint values alone, of drives and of encoders at other joints, do not depend on where the base
+stands, nor on how the platform's own axes are placed in it. So some coordinates of base points, and
+then of platform points, are held and define these frames: all of the first limb's, and as many of
+the next ones as rotations would leave open. They are a choice, neither known nor redundant.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from ppmcal.model.mechanism import Limb, Mechanism
 from ppmcal.notes import NOTE, Note
 
 LEVERAGE = 0.3
-"""A coordinate holds a motion of the frame that moves it by this part of what any one moves."""
+"""A coordinate may hold a frame motion that moves it by this part of the most moved coordinate."""
 UNSEEN = 1e-7
-"""Part of a motion that rows may show, by round-off, and it counts as unseen."""
+"""Rows that show no more than this part of a motion show round-off: it is unseen."""
 ALIKE = 0.99
-"""Coordinates that do so nearly as well: the first of them is held, whatever the last digit."""
+"""Coordinates at least this good relative to the best are tied: the first of them is held."""
 POSES = 40
-"""Rows that are looked at, evenly spread."""
+"""Number of rows examined, evenly spread."""
 
 
 def with_gauge(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Mechanism:
     """Return the machine with the parameters held that define the frames of base and platform.
 
-    Itself where an instrument says where they stand, where the file leaves that to the tolerances
-    (``gauge: tolerances``), and where enough is fixed already. What is not free, as in a machine
-    that such a calibration wrote, defines them before what is.
+    Unchanged if an instrument locates the frames, if the file leaves that to the tolerances
+    (``gauge: tolerances``), or if enough is fixed already. Parameters that are not free, as in a
+    machine written by such a calibration, are chosen before free ones.
     """
     if mechanism.gauge != "base" or not datasets or not all(d.kind.inside for d in datasets):
         return mechanism
-    if not mechanism.free:      # a machine that is looked at, not fitted
+    if not mechanism.free:      # a machine that is examined, not fitted
         return mechanism
     image = _mirror(mechanism) if any(d.kind.blind for d in datasets) else None
     if image is not None:
@@ -55,31 +55,31 @@ def with_gauge(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Mechanism:
     held = _held(every, size[:, None] * moves, (idle, mechanism.free))
     if not held:
         return mechanism
-    said = Note(f"{', '.join(mechanism.names[p] for p in held)} are held as they are: they define "
-                "the frames of base and platform, of which joint values alone say nothing (gauge). "
-                "How well poses are known is told in these frames.",
+    said = Note(f"{', '.join(mechanism.names[p] for p in held)} are held at their values: they "
+                "define the frames of base and platform, which joint values alone cannot "
+                "determine (gauge). Pose uncertainties refer to these frames.",
                 NOTE, "gauge")
     return replace(mechanism, free=tuple(p for p in mechanism.free if p not in held),
                    defining=tuple(held), findings=(*mechanism.findings, said))
 
 
 def _mirror(mechanism: Mechanism) -> Note | None:
-    """Return that the mirror image would do as well: in the plane, and where limbs are symmetric.
+    """Return that the mirror image fits as well: for planar machines, and for symmetric limbs.
 
-    Limbs exchanged across a plane of symmetry of the drawing make the mirror image.
+    Exchanging limbs across a plane of symmetry of the drawing gives the mirror image.
     """
     names = [limb.name for limb in mechanism.limbs]
     pairs = [f"{names[i]} with {names[j]}" for image in mirror_images(mechanism)[:1]
              for i, j in enumerate(image) if i < j]
     if not pairs and not mechanism.motion.planar:
         return None
-    also = f"; with {', '.join(pairs)} exchanged they fit as well" * bool(pairs)
+    also = f"; exchanging {', '.join(pairs)} fits as well" * bool(pairs)
     return Note("Joint values alone cannot tell a machine from its mirror image: the order of the "
                 f"limbs in the mechanism file decides{also} (gauge).", NOTE, "gauge")
 
 
 def mirror_images(mechanism: Mechanism) -> list[list[int]]:
-    """Return by each plane of symmetry of the drawing, across x, y or z, each limb's image."""
+    """Return each limb's mirror image, for each plane of symmetry of the drawing (x, y or z)."""
     values = [(limb.kind, limb.slots.values(mechanism.values)) for limb in mechanism.limbs]
     ends = np.array([[[v.get(f"{kind.point(end)}.{a}", np.nan if a == "x" else 0.0) for a in "xyz"]
                       for end in ("base", "platform")] for kind, v in values])
@@ -97,9 +97,9 @@ def mirror_images(mechanism: Mechanism) -> list[list[int]]:
 
 
 def by_defining(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[int]) -> Array:
-    """Return how parameters ``free`` (F,) move with the frames if what defines these errs (F, G).
+    """Return how parameters ``free`` (F,) move with errors of those that define frames (F, G).
 
-    An error of a held parameter is a motion of its frame: seen from there the others are off.
+    An error of a held parameter moves its frame, and so the other parameters as seen from it.
     """
     others, own, _ = _moves_of(mechanism, datasets, free, mechanism.defining)
     return np.asarray(others @ linalg.pinv(own))
@@ -107,11 +107,11 @@ def by_defining(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequenc
 
 def seen_from_frames(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[int]
                      ) -> tuple[tuple[int, ...], Array]:
-    """Return coordinates of points that alone define frames, and what is seen as one moves (F, G).
+    """Return the coordinates that alone define frames, and how ``free`` changes with each (F, G).
 
-    Held by a calibration or fixed in the file, which joint values alone cannot tell from moved
-    others: as one of them moves by one unit, and none of the others, parameters ``free`` (F,) are
-    seen to change by so much. What is fixed beyond that, as all hooks of a point, defines none.
+    They are held by a calibration or fixed in the file. Joint values alone cannot tell a unit
+    error of one of them from changes of the parameters ``free`` (F,) by these amounts. Coordinates
+    fixed beyond need, such as all those of a point with several hooks, define no frame.
     """
     if not all(d.kind.inside for d in datasets):
         return (), np.zeros((len(free), 0))
@@ -135,13 +135,13 @@ def _moves_of(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[
 
 def by_frames(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[int],
               away: Array) -> float:
-    """Return the part of the chi-squared of tolerances that an error of the frames explains.
+    """Return how much of the tolerances' chi-squared an error of the frames explains.
 
     Args:
-        mechanism: with the parameters that define its frames; 0 of one that has none.
-        datasets: joint values that were measured.
-        free: indices of what was fitted (F,).
-        away: how far each column is from nominal over its tolerance, these first.
+        mechanism: with the parameters that define its frames; 0 if it has none.
+        datasets: the measured joint values.
+        free: indices of the fitted parameters (F,).
+        away: each column's distance from nominal over its tolerance, parameters first.
     """
     known = [mechanism.parameters[p].prior_sigma for p in (*free, *mechanism.defining)]
     if not mechanism.defining or None in known[len(free):]:
@@ -154,10 +154,10 @@ def by_frames(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[
 
 
 def _held(mechanism: Mechanism, unseen: Array, pools: Sequence[Sequence[int]]) -> list[int]:
-    """Return the free parameters to hold, limb by limb, in each those that the gauge moves most.
+    """Return the free parameters to hold, limb by limb, the ones first that the gauge moves most.
 
-    ``unseen``: how they move with the frames, angles as arcs (F, z); ``pools``: of one after the
-    other.
+    ``unseen``: how they move with the frames, angles as arcs (F, z); ``pools``: sets of parameters
+    to choose from, one after the other.
     """
     basis, out = np.zeros((unseen.shape[1], 0)), list[int]()
     for pool, end, limb, leverage in (
@@ -171,7 +171,7 @@ def _held(mechanism: Mechanism, unseen: Array, pools: Sequence[Sequence[int]]) -
             most = max((new[c] for c in rest), default=0.0)
             if most <= leverage * new.max(initial=UNSEEN):
                 break
-            # the first of those that do as well
+            # the first of those that are equally good
             out.append(mechanism.free[next(c for c in rest if new[c] > ALIKE * most)])
             rows = unseen[[mechanism.free.index(p) for p in out]]
             basis = linalg.column_basis(rows.T)
@@ -179,9 +179,9 @@ def _held(mechanism: Mechanism, unseen: Array, pools: Sequence[Sequence[int]]) -
 
 
 def _motions(mechanism: Mechanism, datasets: Sequence[Dataset]) -> tuple[Array, Array]:
-    """Return how free parameters (F, z) move with the frames' motions that no row shows.
+    """Return how free parameters (F, z) move with the frame motions that no row shows.
 
-    With it the size (F,) of what a unit of each moves; in these z are orthogonal.
+    Also the size (F,) of what one unit of each moves; scaled by it, the z are orthogonal.
     """
     free = list(mechanism.free)
     slots = list(_slots(mechanism))
@@ -190,7 +190,7 @@ def _motions(mechanism: Mechanism, datasets: Sequence[Dataset]) -> tuple[Array, 
         mechanism.limbs[i].slots.jacobian(mechanism.values, (name,), free)
         for i, name, _ in slots]) if slots else np.zeros((0, len(free)))
     steps = linalg.pinv(by_free) @ moves
-    # what the file fixes cannot move, and what rows show is no gauge
+    # what the file fixes cannot move, and what rows show is not gauge
     alone = np.concatenate([d.q for d in datasets if d.kind.blind or mechanism.surplus]
                            or [np.zeros((0, len(mechanism.actuators)))])
     shown = [moves - by_free @ steps, _shown(mechanism, alone, free) @ steps,
@@ -198,16 +198,16 @@ def _motions(mechanism: Mechanism, datasets: Sequence[Dataset]) -> tuple[Array, 
     _, size, motions = linalg.svd(np.concatenate(shown), full=True)
     whole = np.concatenate([size, np.zeros(len(motions) - len(size))])
     still = motions[whole < UNSEEN * max(1.0, float(whole.max(initial=0.0)))]
-    # motions that move no free parameter are nothing to hold
+    # motions that move no free parameter need not be held
     size, found = np.linalg.norm(by_free, axis=0), steps @ still.T
     _, weight, turned = linalg.svd(size[:, None] * found)
     return np.asarray(found @ turned[weight > UNSEEN].T), np.asarray(size)
 
 
 def _slots(mechanism: Mechanism) -> Iterator[tuple[int, str, Array]]:
-    """Yield limb, slot and how it moves with motions of base and platform (12,), size one.
+    """Yield limb, slot and its derivative by motions of base and platform (12,), scaled to size 1.
 
-    Displacements x, y, z and turns about them, of the base and then of the platform.
+    Displacements along x, y, z and rotations about them, of the base and then of the platform.
     """
     size = mechanism.reach
     base = mechanism.motion.frame_parts
@@ -243,7 +243,7 @@ def _slots(mechanism: Mechanism) -> Iterator[tuple[int, str, Array]]:
 def _wound(limb: Limb, values: Mapping[str, float]) -> float:
     """Return by how much a rope's offset grows as its pulley turns about z with the base, m/rad.
 
-    Of a pulley in the plane, whose zero has no slot to turn with: the offset takes its place.
+    For a planar pulley, whose zero has no slot of its own to turn: the offset takes its place.
     """
     if not limb.kind.pulley or not limb.kind.axes_without_errors:
         return 0.0
@@ -252,7 +252,7 @@ def _wound(limb: Limb, values: Mapping[str, float]) -> float:
 
 
 def _some(mechanism: Mechanism, q: Array, free: Sequence[int]) -> tuple[Closure, Array]:
-    """Return the closure and poses (n, 8) of a few of some rows (N, k)."""
+    """Return the closure and poses (n, 8) of a few of the rows (N, k)."""
     some = q[np.linspace(0, len(q) - 1, min(len(q), POSES)).astype(int)]
     model = Model(replace(mechanism, effects=()))
     some = some[finite_rows(some)]
@@ -262,7 +262,7 @@ def _some(mechanism: Mechanism, q: Array, free: Sequence[int]) -> tuple[Closure,
 
 
 def _shown(mechanism: Mechanism, q: Array, free: Sequence[int]) -> Array:
-    """Return what surplus equations of some rows show of free parameters (r, F)."""
+    """Return what surplus equations of some rows show about free parameters (r, F)."""
     closure, pose = _some(mechanism, q, free)
     if not len(pose) or not mechanism.surplus:
         return np.zeros((0, len(free)))
@@ -272,7 +272,7 @@ def _shown(mechanism: Mechanism, q: Array, free: Sequence[int]) -> Array:
 
 
 def _read(mechanism: Mechanism, data: Dataset, free: Sequence[int]) -> Array:
-    """Return what an encoder at a joint shows of free parameters (r, F), but for its offset."""
+    """Return what an encoder at a joint shows about free parameters (r, F), up to its offset."""
     closure, pose = _some(mechanism, data.q, free)
     if not len(pose):
         return np.zeros((0, len(free)))

@@ -1,7 +1,7 @@
 """The search for the minimum: Gauss-Newton, damped where a plain step does not help.
 
-Steps come from the normal equations while their condition allows, else from the triangle that QR
-makes of the rows; the last step, and all that is said of the minimum, always from the triangle.
+Steps come from the normal equations while their condition allows, else from the triangle of a QR
+of the rows; the last step, and every statement about the minimum, always from the triangle.
 """
 
 from __future__ import annotations
@@ -34,30 +34,30 @@ log = logging.getLogger(__package__)
 CONVERGED = 1e-6
 """Converged: the next step would lower chi-squared by less than this."""
 SMALLEST_DAMPING = 1e-16
-"""Damping starts here when a plain step fails, and is dropped as soon as it falls back."""
+"""Damping starts here when a plain step fails, and is dropped when it falls back below this."""
 ROUGH = 1e-3
-"""A re-weighted fit is good enough when a step would gain less than this part."""
+"""A re-weighted fit is good enough if a step would gain less than this part of chi-squared."""
 ROUND_OFF = 1e-13
-"""Or the step is below this part of the parameters' scale."""
+"""Or if the step is below this part of the parameters' scale."""
 AT_THE_NOISE = 0.01
-"""What a plain step may still promise of chi-squared at a minimum, in units of the noise that the
-rows show: the predictions of all rows together would move by a tenth of it."""
+"""Largest decrease of chi-squared that a plain step may still predict at a minimum, relative to the
+scatter of the rows: the predictions of all rows together would move by a tenth of the noise."""
 SETTLING = 0.25
-"""Steps end where each promises less than this part of what the one before it did."""
+"""An uphill step is accepted if the next one predicts less than this part of its decrease."""
 WORST_CONDITION = 1e12
-"""Normal equations of unit columns with a condition above this leave a step fewer than four of
-its digits: QR then, which loses none."""
+"""Normal equations of unit columns with a condition above this leave a step fewer than four
+digits: then QR is used, which loses none."""
 
 
 @dataclass(frozen=True)
 class Minimum:
-    """Where a search for the minimum ended.
+    """Result of a search for the minimum.
 
     Attributes:
-        state: there.
-        information: its rows as one triangle; None of a rough search.
+        state: where it ended.
+        information: its rows as one triangle; None for a rough search.
         iterations, converged: of the search.
-        summed: in how many of the iterations the step came from normal equations.
+        summed: number of iterations whose step came from normal equations.
     """
 
     state: State
@@ -69,9 +69,9 @@ class Minimum:
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """The rows at a state: chi-squared of the data and of how many values, and the step.
+    """The rows at a state: chi-squared of the data, the number of values, and the step.
 
-    ``information``: None where the step is from sums.
+    ``information``: None if the step comes from sums.
     """
 
     square: float
@@ -81,28 +81,28 @@ class Linearised:
 
     @property
     def level(self) -> bool:
-        """Whether this is a minimum: what is left to gain is far below the noise.
+        """Whether this is a minimum: the remaining gain is far below the noise.
 
-        The one criterion, wherever a search ends. A damped step promises little anywhere, so it
-        is the plain one that is asked; and where the rows scatter by more than was stated, it
-        is in that scatter that results are told.
+        The one criterion for any end of a search. It uses the plain step, because a damped one
+        predicts little anywhere; and if the rows scatter more than stated, it is relative to
+        that scatter, as the results are.
         """
         return self.promise < AT_THE_NOISE * self.scatter
 
     @property
     def promise(self) -> float:
-        """By how much the plain step would lower chi-squared."""
+        """Decrease of chi-squared that the plain step predicts."""
         return self.small.step()[1]
 
     @property
     def scatter(self) -> float:
-        """What one value adds to chi-squared, 1 where that is less than the noise."""
+        """Chi-squared per value, at least 1."""
         return max(1.0, self.square / max(self.count, 1))
 
 
 def linearised(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
                weights: Sequence[Array] | None = None, by_sums: bool = True) -> Linearised:
-    """Return the linear problem at a state, from sums where wanted and where they allow it."""
+    """Return the linear problem at a state, from sums if wanted and if they allow it."""
     if by_sums:
         sums = normal_sums(problem, state, keep, weights)
         summed = summed_step(problem, state, sums, prior)
@@ -123,10 +123,10 @@ def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: 
         state: where to start.
         keep: rows to use (N,), for each data set.
         prior: weight of each column's distance from its nominal value (C,), 1/tau, SI.
-        iterations: at most so many.
+        iterations: maximum number of iterations.
         weigh: weights of rows at a state. Rows are re-weighted in each iteration, and a rough
-            minimum is enough: it is only where the final fit starts.
-        rough: it is without weights too.
+            minimum is enough, because the final fit only starts there.
+        rough: accept a rough minimum without weights too.
     """
     rough = rough or weigh is not None
     damping, by_sums, summed = 0.0, True, 0
@@ -134,7 +134,7 @@ def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: 
     for count in range(1, iterations + 1):
         weights = weigh(state) if weigh else None
         now = linearised(problem, state, keep, prior, weights, by_sums)
-        # what is ill-conditioned at one state is so at the next
+        # a problem that is ill-conditioned at one state is so at the next
         by_sums = now.information is None
         summed += by_sums
         before = now.square + prior_square(problem, state, prior)
@@ -152,13 +152,13 @@ def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: 
                     continue
                 if damping > 0.0:
                     return Minimum(state, now.information, count, now.level, summed)
-                # too small to be judged by the cost: a last plain step only polishes
+                # too small for the cost to judge: a last plain step only polishes
                 end = problem.moved(state, step)
                 return Minimum(end if solved(end, keep) else state, now.information, count, True,
                                summed)
             if not another_step():
                 return _given_up(problem, state, keep, prior, rough, count, summed)
-            with np.errstate(over="ignore", invalid="ignore"):  # a step may lead out of all numbers
+            with np.errstate(over="ignore", invalid="ignore"):  # a step may overflow
                 trial = problem.moved(state, step, wary=False)
                 after = cost(problem, trial, keep, prior, weights)
             better: State | None = trial
@@ -178,10 +178,10 @@ def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: 
 
 def _given_up(problem: Problem, state: State, keep: Sequence[Bools], prior: Array, rough: bool,
               iterations: int, summed: int) -> Minimum:
-    """Return where a search ended that found no way down, or used up its iterations.
+    """Return the end of a search that found no way down, or used up its iterations.
 
-    It may be the minimum all the same: the way there may be a valley along which it creeps, or
-    round-off may hide what is left.
+    It may still be the minimum: the search may creep along a valley, or round-off may hide
+    the remaining gain.
     """
     if rough:
         return Minimum(state, None, iterations, False, summed)
@@ -197,14 +197,14 @@ def solved(state: State, keep: Sequence[Bools]) -> bool:
 def _second_chance(problem: Problem, trial: State, keep: Sequence[Bools], prior: Array,
                    weights: Sequence[Array] | None, now: Linearised, before: float
                    ) -> State | None:
-    """Return the state to go on from after a plain step ``trial`` that was worse, None without.
+    """Return the state to continue from after a plain step ``trial`` that was worse, else None.
 
     Where frame and geometry turn together the data see nothing at first order and a very
     steep wall at second order; one straight step runs into the wall, the next one off it.
 
-    The noise of joints is carried over to what is measured by the geometry, and moves with it:
-    chi-squared falls where that makes it larger, which no step goes for, and steps may end where
-    it is not least. So there a step may raise it that leaves hardly another one to take.
+    Joint noise is carried to the measurements by the geometry and changes with it: chi-squared
+    falls where that makes the noise larger, which steps ignore, so they may end where it is not
+    least. There a step may raise it if hardly another step remains to be taken.
     """
     if not solved(trial, keep):
         return None
@@ -231,5 +231,5 @@ def cost(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
 
 
 def prior_square(problem: Problem, state: State, prior: Array) -> float:
-    """Return the prior's part of chi-squared."""
+    """Return the prior's contribution to chi-squared."""
     return float(np.sum((prior * to_prior(problem, state)) ** 2))

@@ -1,8 +1,8 @@
-"""Joints' zeros that moved between sessions: an endstop that slipped, a drive homed anew.
+"""Joint zeros that moved between sessions: an endstop that slipped, a drive homed again.
 
-One shift per session and joint, asked as everything is: which of them are in the rows beside the
-geometry, each by its probability. Rows that were left out of a session as outliers, most of them,
-are taken back for the question.
+One shift per session and joint; which of them are in the rows beside the geometry is decided by
+probability, as elsewhere. If most rows of a session were left out as outliers, they are taken
+back for this decision.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from ppmcal.model.sessions import session_masks
 from ppmcal.units import Finite, OfUnit
 
 MANY_OUT = 0.3
-"""Rows left out count again where more than this part of their session was."""
+"""Rows left out count again if more than this part of their session was left out."""
 SEEN = 3e-8
-"""Directions of less than this part of the strongest are round-off."""
+"""Directions below this part of the strongest are round-off."""
 
 
 @dataclass(frozen=True)
 class HomingShift:
-    """A joint's zero in one session against the others: ``value`` +- ``sigma``, SI.
+    """A joint's zero in one session relative to the others: ``value`` +- ``sigma``, SI.
 
-    ``half``: of the 95 % interval, the size of the noise not being known exactly;
-    ``unit``: the joint's, once it is said.
+    ``half``: half width of the 95 % interval, with the size of the noise uncertain;
+    ``unit``: the joint's, once it is set.
     """
 
     session: str
@@ -50,12 +50,12 @@ class HomingShift:
 
 
 def homing_shifts(fit: Fit) -> Iterator[HomingShift]:
-    """Yield the joints' zeros that moved in one session against the others, of two the smaller."""
+    """Yield the joint zeros that moved in one session against the others; of two, the smaller."""
     sessions = _sessions(fit.problem)
     if len(sessions) < 2:
         return
     keep = _taken_back(fit, sessions)
-    if len(sessions) == 2:    # what moved in one moved the other way in the other
+    if len(sessions) == 2:    # a shift in one is the opposite shift in the other
         sessions = [min(reversed(sessions), key=lambda s: sum(map(np.sum, s[1])))]
     problem, names = fit.problem, fit.problem.mechanism.actuators
     homed = problem.changed(datasets=tuple(
@@ -72,7 +72,7 @@ def homing_shifts(fit: Fit) -> Iterator[HomingShift]:
 
 
 def _moved(rows: AddedColumns, joints: Sequence[tuple[str, str]], each: int) -> dict[int, float]:
-    """Return which of the joints of sessions surely moved, ``each`` a session, and how likely."""
+    """Return which session joints surely moved, and how likely; ``each``: joints a session."""
     one = float(np.log(float(MOVED) * (1.0 - float(ALL_ALIKE)) / each))
     every = float(np.log(float(MOVED) * float(ALL_ALIKE)))
     blocks = [Block(f"{a} of {label}", f"{a} of {label}", (n,), one, group=label)
@@ -91,13 +91,13 @@ def _moved(rows: AddedColumns, joints: Sequence[tuple[str, str]], each: int) -> 
 
 
 def _fitted(found: AddedColumns, some: Sequence[int]) -> Iterator[tuple[float, float, float]]:
-    """Yield value, sigma and half of the 95 % interval of some of the added columns."""
+    """Yield value, sigma and half width of the 95 % interval of some of the added columns."""
     size, right = found.held.size, found.right
     rows = np.concatenate([found.rows, found.added[:, some]], axis=1)
     whole = np.concatenate([rows, np.eye(size, rows.shape[1]) * found.held[:, None]])
     solved = linalg.pinv(whole, rcond=SEEN)
     step = solved @ np.concatenate([right, found.held * found.away])
-    # what the rows then miss; tolerances give way too, which is not noise
+    # residuals of the rows alone: tolerances give way too, which is not noise
     left = float(np.sum((right - rows @ step) ** 2))
     degrees = max(found.count - float(np.sum(rows * solved[:, :right.size].T)), 1.0)
     noise = max(1.0, left / degrees)
@@ -108,14 +108,14 @@ def _fitted(found: AddedColumns, some: Sequence[int]) -> Iterator[tuple[float, f
 
 
 def _sessions(problem: Problem) -> list[tuple[str, list[Bools]]]:
-    """Return label and rows (N,) by data set of each session, where zeros are taken as shared."""
+    """Return label and rows (N,) by data set of each session whose zeros are taken as shared."""
     found = ((label, [m & (d.homing != "per-file") for m, d in zip(
         mask, problem.datasets, strict=True)]) for label, mask in session_masks(problem.datasets))
     return [(label, masks) for label, masks in found if any(m.any() for m in masks)]
 
 
 def _taken_back(fit: Fit, sessions: Sequence[tuple[str, Sequence[Bools]]]) -> list[Bools]:
-    """Return the rows that are asked: those used, and all of a session that was mostly left out."""
+    """Return the rows to judge by: those used, and all of a session that was mostly left out."""
     keep = [k.copy() for k in fit.keep]
     for _, masks in sessions:
         gone = [o & m for o, m in zip(fit.outliers, masks, strict=True)]

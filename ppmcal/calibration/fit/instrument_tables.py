@@ -1,4 +1,4 @@
-"""What compiled loops take of a data set: its instrument as tables, and where its rows stood."""
+"""Input to the compiled loops: a data set's instrument as tables, and its rows' likely poses."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 
 ALONE = 1e-2
-"""A row's own steps end so much below those of rows that go on until the last of them is there."""
+"""Single rows end with steps this much smaller than rows that continue until the last one ends."""
 
 
 class LikelyRows(NamedTuple):
-    """What compiled rows (n,) of surplus limbs are made of.
+    """Compiled rows (n,) of surplus limbs.
 
     ``noise`` of the joint coordinates (L,) and ``gaps`` of the equations (m,); ``u`` (n, L);
-    ``pose`` (n, 8): where the rows most likely stood; ``seen`` (n, 6): what was measured, and
-    ``white`` (n, k): 1/sigma, whatever rows weigh; ``squares`` of the rows (n,), and ``number``
-    (n,) of the values that each holds.
+    ``pose`` (n, 8): most likely poses; ``seen`` (n, 6): measurements, and ``white`` (n, k):
+    1/sigma, without row weights; ``squares`` of the rows (n,), and ``number`` (n,) of values in
+    each.
     """
 
     noise: Array
@@ -50,10 +50,10 @@ class LikelyRows(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """A data set as its instrument sees the machine from where it stands.
+    """A data set as its instrument observes the machine from where it stands.
 
-    ``columns``: what of it is open; ``sigma_joint`` (k,): noise of the joints, unit of q;
-    ``sigma_gap`` (m,): of what the equations may gap.
+    ``columns``: its nuisance parameters; ``sigma_joint`` (k,): noise of the joints, unit of q;
+    ``sigma_gap`` (m,): standard uncertainty of closure gaps.
     """
 
     mechanism: Mechanism
@@ -65,11 +65,10 @@ class Sighting:
 
     @property
     def plain(self) -> bool:
-        """Whether rows are their poses' own: no effects, no distances, sound joints.
+        """Whether rows depend on their poses alone: no effects, no distances, no joint noise.
 
-        And whether coordinates are each off by themselves.
-
-        Surplus limbs contradict each other by the noise of joints or gaps: all have to have some.
+        Coordinates must also be uncorrelated. With surplus limbs, which contradict each other by
+        the noise of joints or gaps, all joints or all gaps must have some.
         """
         data = self.data
         own_scale = data.scale.fitted or self.registration.scale != 1.0
@@ -97,7 +96,7 @@ class Sighting:
 
     @property
     def tables(self) -> InstrumentTables:
-        """What the instrument sees from where it stands."""
+        """The instrument at its station, as tables."""
         data, registration, motion = self.data, self.registration, self.mechanism.motion
         body = cga.motor_from_rotation_vector(registration.target_rotation, np.zeros(3))
         frame = registration.frame
@@ -111,7 +110,7 @@ class Sighting:
             np.array(self.open_columns[0], dtype=np.int64))
 
     def likely(self, rows: Ints, pose: Array, tables: compiled_limbs.CompiledLimbs) -> LikelyRows:
-        """Return some rows (n,), with their poses by joints alone (n, 8) and closure's tables."""
+        """Return some rows (n,), given their poses by joints alone (n, 8) and closure's tables."""
         from ppmcal.calibration.fit.compiled_surplus_rows import likely_rows
 
         mechanism = self.mechanism
@@ -127,7 +126,7 @@ class Sighting:
                           number + mechanism.surplus)
 
     def likely_poses(self, rows: Ints, pose: Array, closure: Closure) -> Array | None:
-        """Return where some rows (n,) most likely stood (n, 8), None where NumPy is the way."""
+        """Return the most likely poses (n, 8) of some rows (n,); None if NumPy is to find them."""
         if not compiled_limbs.pays(self.mechanism, rows.size) or not self.plain:
             return None
         tables = compiled_limbs.compiled_limbs(closure, rows.size)

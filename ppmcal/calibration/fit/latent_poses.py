@@ -1,13 +1,13 @@
-"""Where a machine with surplus equations most likely stood, by its joints and the instrument.
+"""Most likely poses of a machine with surplus equations, given its joints and the instrument.
 
-Its joints contradict each other by their noise, and so does the instrument: the pose of a row is a
-latent that minimises
+By their noise its joints contradict each other and the instrument: the pose of a row is a
+latent variable that minimises
 
     c' S^-1 c + (y - h)' V (y - h),
 
-with c the closure at the joints as read, S its noise by joints and gaps and V that of the
-instrument. There, and not where the joints alone would have it, the rows are linear in the
-parameters without an error of first order, so that the gradient of chi-squared is exact (Golub and
+with c the closure at the joints as read, S its noise from joints and gaps, and V the inverse
+covariance of the instrument. There, and not at the pose of the joints alone, the rows are linear in
+the parameters without a first-order error, so that the gradient of chi-squared is exact (Golub and
 Pereyra 1973).
 """
 
@@ -25,22 +25,22 @@ from ppmcal.linalg import Array, solve_rows
 
 STEPS = 10
 STILL = 1e-10
-"""Steps end where they are below this part of the length scale."""
+"""Steps end when they are below this part of the length scale."""
 ROUND_OFF = 1e-9
-"""A value that is larger by less than this part of it is not: the bottom is flat."""
+"""A value counts as larger only if it is by more than this part: the minimum is flat."""
 
 
 def most_likely(closure: Closure, look: Callable[[Array], ResidualJacobian], pose: Array,
                 sigma: Array, sigma_joint: Array, gaps: Array) -> Array:
-    """Return the poses (N, 8) near those by joints alone, themselves where no step leads down.
+    """Return the most likely poses (N, 8), started from ``pose``, kept where no step leads down.
 
     Args:
         closure: at the joint values as read.
-        look: what the instrument sees of poses (N, 8).
+        look: returns what the instrument observes at poses (N, 8).
         pose: motors (N, 8) by joints alone.
-        sigma: standard deviations of what it measures (N, k).
+        sigma: standard deviations of its measurements (N, k).
         sigma_joint: of the joints, unit of q.
-        gaps: of what limbs may gap (m,).
+        gaps: standard uncertainty of closure gaps (m,).
     """
     mechanism = closure.model.mechanism
     best, least = pose, np.full(len(pose), np.inf)
@@ -61,7 +61,7 @@ def most_likely(closure: Closure, look: Callable[[Array], ResidualJacobian], pos
 
 def _step(closure: Closure, seen: ResidualJacobian, pose: Array, sigma: Array, sigma_joint: Array,
           gaps: Array) -> tuple[Array, Array]:
-    """Return what is minimised (N,) at poses, and the step (N, d) from there."""
+    """Return the function minimised (N,) at poses, and the step (N, d) from there."""
     c, lines = closure.misclosure_and_lines(pose)
     a = closure.pose_matrix(pose, lines)
     noise = with_gaps(closure.joint_matrix(pose, lines) * sigma_joint, gaps)

@@ -1,4 +1,4 @@
-"""The small linear problem of one iteration: all rows as one triangle or as sums, and its step.
+"""The small linear problem of one iteration: rows as one triangle or as sums, and its step.
 
 Columns are judged in natural units (:func:`column_scale`), so that metres and radians,
 geometry and frames can be weighed against each other.
@@ -24,20 +24,20 @@ SOLVE_TOLERANCE = 1e-13
 
 
 def seen_directions(singular: Array) -> Bools:
-    """Return which directions of singular values (r,) are more than round-off of the strongest."""
+    """Return which of the singular values (r,) exceed the round-off of the strongest."""
     return np.asarray(singular > SOLVE_TOLERANCE * singular.max(initial=1e-300), dtype=np.bool_)
 
 
 ROWS = 1536
-"""Rows of the matrix that are reduced at once."""
+"""Rows of the matrix reduced at a time."""
 
 
 @dataclass(frozen=True)
 class SquareRootInformation:
     """All rows as one triangle: ``root`` (C, C), ``right`` (C,), and the sum of squares.
 
-    The least-squares problem of the rows is |triangle s - right|^2 + (square - |right|^2).
-    ``count``: of values, each by its row's weight.
+    The least-squares problem of the rows is |root s - right|^2 + (square - |right|^2).
+    ``count``: number of values, weighted by row.
     """
 
     root: Array
@@ -49,9 +49,9 @@ class SquareRootInformation:
 def prior_weights(problem: Problem, method: str, factor: float = 1.0) -> Array:
     """Return 1/sigma of each column's prior (C,), SI, 0 where there is none.
 
-    The tolerances of parameters, times ``factor``; and what files say of their own scales, which
-    is as good as measured: without the tolerances it counts all the same, and no method chooses
-    it. The damped scheme has neither.
+    The tolerances of parameters, times ``factor``; and the uncertainties that files state of
+    their own scales, which count like measurements under every method but the damped one, which
+    has no prior at all.
     """
     weights = np.zeros(len(problem.columns))
     if method == "damped":
@@ -66,12 +66,12 @@ def prior_weights(problem: Problem, method: str, factor: float = 1.0) -> Array:
 
 
 def parameter_scale(problem: Problem) -> Array:
-    """Return the unit in which each free parameter is judged (F,), SI."""
+    """Return the natural unit of each free parameter (F,), SI."""
     return natural_units(problem.mechanism, problem.free)
 
 
 def natural_units(mechanism: Mechanism, places: Sequence[int]) -> Array:
-    """Return the unit in which each of some parameters is judged (F,): its tolerance, SI.
+    """Return the natural unit of some parameters (F,): the tolerance, SI.
 
     Without a finite tolerance: a thousandth of the reach, or 1e-3 rad.
     """
@@ -118,8 +118,8 @@ def qr_factor(problem: Problem, state: State, keep: Sequence[Bools],
 def column_scale(problem: Problem) -> Array:
     """Return one natural unit per column (C,): tolerances; a thousandth of the reach, 1e-3 rad.
 
-    Frames and geometry must be measured with like units: in a direction that moves both
-    together the prior would else drown in the frame's larger numbers.
+    Frames and geometry need comparable units: otherwise, in a direction that moves both, the
+    frame's larger numbers would drown the prior.
     """
     return np.concatenate([parameter_scale(problem), problem.open_scale()])
 
@@ -137,16 +137,16 @@ class NormalStep:
     scale: Array
 
     def seen(self) -> tuple[int, Array]:
-        """Return how many directions are seen, and the variance of each column by these (C,)."""
+        """Return the number of directions seen, and the variance of each column by them (C,)."""
         use = seen_directions(self.singular)
         parts = self.directions[use] / self.singular[use, None]
         return int(use.sum()), np.asarray(np.sum(parts**2, axis=0) * self.scale**2)
 
     def step(self, damping: float = 0.0) -> tuple[Array, float]:
-        """Return the step (C,) and the decrease of chi-squared that it promises.
+        """Return the step (C,) and the predicted decrease of chi-squared.
 
-        ``damping`` counts in parts of the strongest direction squared, in natural units
-        (Levenberg). Directions that neither data nor prior see are left where they are.
+        ``damping`` is relative to the square of the strongest direction, in natural units
+        (Levenberg). Directions seen by neither data nor prior stay where they are.
         """
         s = self.singular
         use = seen_directions(s)
@@ -173,7 +173,7 @@ class SummedStep:
         return float(linalg.largest_singular(self.matrix))
 
     def _inverse_root(self, matrix: Array) -> Array | None:
-        """Return X (C, C) with X^T X = matrix^-1 by Cholesky of unit columns, None without one."""
+        """Return X (C, C) with X^T X = matrix^-1 by Cholesky of unit columns; None if singular."""
         size = np.sqrt(np.diagonal(matrix))
         if not np.all(size > 0.0):
             return None
@@ -189,10 +189,10 @@ class SummedStep:
 
     @cached_property
     def condition(self) -> float:
-        """Condition of unit columns in the 1-norm, from the factor; inf where there is none."""
+        """1-norm condition number for unit columns, from the factor; inf where there is none."""
         if self._plain is None:
             return float("inf")
-        if not self.matrix.size:    # which NumPy 1 has no norm of
+        if not self.matrix.size:    # NumPy 1 has no norm of an empty matrix
             return 1.0
         size = np.sqrt(np.diagonal(self.matrix))
         back = self._plain * size
@@ -200,12 +200,12 @@ class SummedStep:
                      * np.linalg.norm(self.matrix / (size[:, None] * size), 1))
 
     def seen(self) -> tuple[int, Array]:
-        """Return how many directions are seen, and the variance of each column (C,)."""
+        """Return the number of directions seen, and the variance of each column (C,)."""
         root = np.zeros((0, len(self.scale))) if self._plain is None else self._plain
         return len(root), np.asarray(np.sum(root**2, axis=0) * self.scale**2)
 
     def step(self, damping: float = 0.0) -> tuple[Array, float]:
-        """Return the step (C,) and the decrease that it promises; see :meth:`NormalStep.step`."""
+        """Return the step (C,) and its predicted decrease; see :meth:`NormalStep.step`."""
         root = self._plain
         if damping > 0.0:
             extra = damping * self._strongest * np.eye(len(self.scale))
@@ -226,9 +226,9 @@ def summed_step(problem: Problem, state: State, sums: NormalSums, prior: Array) 
 
 
 def to_prior(problem: Problem, state: State) -> Array:
-    """Return the step of each column to the middle of its prior (C,), SI, 0 where it has none.
+    """Return the step of each column to the mean of its prior (C,), SI, 0 where it has none.
 
-    Of parameters to their nominals, of scales to what their files say.
+    For parameters to their nominals, for scales to the values in their files.
     """
     free = list(problem.free)
     away = np.zeros(len(problem.columns))
@@ -247,7 +247,7 @@ def normal_step(problem: Problem, state: State, information: SquareRootInformati
         problem: the machine and its C columns.
         state: where the rows were linearised.
         information: all rows as one triangle.
-        prior: weight of each column's distance from the middle of its prior (C,), 1/sigma, SI.
+        prior: weight of each column's distance from its prior mean (C,), 1/sigma, SI.
     """
     scale = column_scale(problem)
     matrix = np.concatenate([information.root * scale, np.diag(prior * scale)])

@@ -1,4 +1,4 @@
-"""Is the stated noise what the residuals show? Chi-squared, by data set, and repeats."""
+"""Do the residuals agree with the stated noise? Chi-squared, by data set, and repeats."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ ROUNDS, SETTLED = 30, 0.005
 
 
 def noise_ratios(fit: Fit) -> tuple[Array, Array]:
-    """Return each data set's noise over the stated one, and its redundancy (D,).
+    """Return each data set's estimated over stated noise, and its redundancy (D,).
 
     nan where the redundancy is below :data:`LEAST`.
     """
@@ -52,7 +52,7 @@ def noise_ratios(fit: Fit) -> tuple[Array, Array]:
 
 
 def _steps(fit: Fit, factor: Array) -> Array:
-    """Return by what to multiply each noise, ``factor`` times the stated, now (D,)."""
+    """Return by how much to multiply each noise, which is now ``factor`` times the stated (D,)."""
     square, freedom = _squares(fit)
     began = np.array([d.estimated for d in fit.problem.datasets])
     own = np.sqrt((square + LEAST / factor**2) / (np.maximum(freedom, 0.0) + LEAST))
@@ -73,11 +73,11 @@ def _squares(fit: Fit) -> tuple[Array, Array]:
 
 def with_estimated_noise(problem: Problem, options: FitOptions,
                          which: Sequence[bool] | None = None) -> tuple[Fit, Array]:
-    """Fit with the noise of each data set as its residuals show it.
+    """Fit with the noise of each data set estimated from its residuals.
 
-    Data sets that say so themselves begin with what they state, which counts as :data:`LEAST`
-    redundant values: a handful of touches then weighs its own noise without running off. That
-    is the mode of an inverse gamma distribution of the variance.
+    Data sets that ask for this themselves start from their stated noise, which counts as
+    :data:`LEAST` redundant values: a handful of touches can then weight its own noise without
+    running off. That is the mode of an inverse gamma distribution of the variance.
 
     Args:
         problem: machine and data with stated noise.
@@ -85,10 +85,10 @@ def with_estimated_noise(problem: Problem, options: FitOptions,
         which: data sets whose noise is estimated (D,)  [default: all].
 
     Returns:
-        The fit, and by what the stated noise of each data set was multiplied (D,).
+        The fit, and the factor on the stated noise of each data set (D,).
 
     Raises:
-        BadInput, NoResult: as :func:`ppmcal.calibration.fit.identify`.
+        BadInput, NoResult: see :func:`ppmcal.calibration.fit.identify`.
     """
     factor = np.ones(len(problem.datasets))
     chosen = np.ones(factor.size, dtype=bool) if which is None else np.array(which)
@@ -106,7 +106,7 @@ def with_estimated_noise(problem: Problem, options: FitOptions,
 
 
 def noise_sentences(problem: Problem, factor: Array, which: Sequence[bool]) -> list[Note]:
-    """Return what the estimated noise of data sets (D,) is, in their own units."""
+    """Return the estimated noise of data sets (D,) in their own units, as notes."""
     out = []
     for data, f, wanted in zip(problem.datasets, factor.tolist(), which, strict=True):
         if wanted and not data.estimated:
@@ -122,10 +122,10 @@ def noise_sentences(problem: Problem, factor: Array, which: Sequence[bool]) -> l
 
 def with_own_noise(problem: Problem, options: FitOptions
                    ) -> tuple[Problem, list[Note]]:
-    """Return the problem with the noise of the data sets that want it estimated, and what it is.
+    """Return the problem with noise estimated for the data sets that ask for it, and the notes.
 
     Raises:
-        BadInput, NoResult: as :func:`ppmcal.calibration.fit.identify`.
+        BadInput, NoResult: see :func:`ppmcal.calibration.fit.identify`.
     """
     which = [d.estimated for d in problem.datasets]
     if not any(which):
@@ -138,10 +138,10 @@ def with_own_noise(problem: Problem, options: FitOptions
 def with_noise(fit: Fit, factor: float, options: FitOptions) -> Fit:
     """Return a fit to the same rows with their stated noise times ``factor``.
 
-    The tolerances stay what they are, so that they weigh more: values and uncertainties are the
-    posterior of rows so noisy. Scaling all uncertainties instead would make parameters less
+    The tolerances stay as they are and so weigh more: values and uncertainties are the
+    posterior for rows with this noise. Scaling all uncertainties instead would make parameters less
     certain than their tolerances, and values fitted to noise would stay. Without a prior, or with
-    one that generalised cross-validation chose by the residuals themselves, values stay.
+    one chosen by generalised cross-validation from the residuals themselves, values stay.
     """
     if factor == 1.0:
         return fit
@@ -165,11 +165,11 @@ def _scaled(datasets: Sequence[Dataset], factor: Array) -> tuple[Dataset, ...]:
 FAILED_NOISE = 1e-3
 """The noise check fails below this p-value, on either side."""
 OVERSTATED = 0.5
-"""A stated noise is too large to be harmless where residuals are below this part of it."""
+"""A stated noise is overstated if residuals are below this part of it."""
 
 
 LARGER, SMALLER, AGREES = "larger", "smaller", "agrees"
-"""What residuals may be against the stated noise."""
+"""How residuals compare with the stated noise."""
 
 
 STATED = "stated"
@@ -177,9 +177,9 @@ ESTIMATED = "estimated"
 
 
 def noise_source(datasets: Sequence[Dataset]) -> str:
-    """Return where the noise of data sets is from: ``stated``, ``estimated``, or both in words.
+    """Return the source of data sets' noise: ``stated``, ``estimated``, or both in words.
 
-    It is estimated where the sidecar says so: what stands there nobody has stated.
+    It is estimated if the sidecar says so: then its number is not a statement about the noise.
     """
     kinds = {d.estimated for d in datasets}
     return f"{STATED} or {ESTIMATED}" if len(kinds) > 1 else ESTIMATED if True in kinds else STATED
@@ -188,12 +188,12 @@ def noise_source(datasets: Sequence[Dataset]) -> str:
 def noise_state(ratio: float | None, p: float | None) -> str:
     """Return whether residuals are larger or smaller than the stated noise, or agree with it.
 
-    The one place that decides it. A failed check has a probability: few degrees of freedom make
-    any ratio possible.
+    The one place that decides this. A failed check needs a small probability, because with few
+    degrees of freedom any ratio is possible.
 
     Args:
         ratio: rms of the residuals over the stated noise.
-        p: chance of a larger chi-squared; None, or nan, where it cannot be told.
+        p: chance of a larger chi-squared; None, or nan, if it is unknown.
     """
     if ratio is None or p is None or np.isnan(p):
         return AGREES
@@ -204,13 +204,13 @@ def noise_state(ratio: float | None, p: float | None) -> str:
 
 @dataclass(frozen=True)
 class Noise:
-    """Residuals against the stated noise, and apart from it the errors against the tolerances.
+    """Residuals against the stated noise, and separately the errors against the tolerances.
 
     ``sigma_ratio``: residual over stated noise; ``chi2``, ``degrees``: of what no error of the
     machine can explain; ``chi2_p``: chance of a larger one; ``prior_chi2``, ``prior_degrees``,
-    ``prior_p``: the same of the errors that were found against tolerances and noise;
+    ``prior_p``: the same for the errors found, against tolerances and noise;
     ``repeat_ratio``: scatter of repeats over stated noise, None without repeats; ``by_dataset``:
-    ``sigma_ratio`` of each data set that has redundancy enough; all bare. ``source``: as
+    ``sigma_ratio`` of each data set with enough redundancy; all dimensionless. ``source``: see
     :func:`noise_source`.
     """
 
@@ -250,7 +250,7 @@ class Noise:
     def unexplained(self) -> float:
         """The part of the residuals' rms that noise does not explain, 0 unless the check failed.
 
-        Enough repeats tell what the noise is, else the stated one.
+        The noise is that of the repeats if there are enough, else the stated one.
         """
         noise = 1.0
         if self.repeat_ratio is not None and self.repeat_degrees >= ENOUGH_REPEATS:
@@ -266,15 +266,15 @@ class Noise:
 
 
 KNOWN = 0.1
-"""A direction in which one tolerance moves the rows by less than this part of their noise is left
-to the noise."""
+"""A direction in which one tolerance moves the rows by less than this part of their noise counts
+as noise."""
 
 
 def _split(fit: Fit) -> tuple[float, float, float, float]:
     """Return chi-squared and degrees of freedom of the noise alone, then of the prior's part.
 
-    What no error of the machine can explain is noise alone; the rest of the minimum is how far the
-    errors are from nominal, against tolerances and noise. If both are right these are independent.
+    What no error of the machine can explain is noise alone; the rest of the minimum compares the
+    errors with tolerances and noise. If both are right, the two parts are independent.
     """
     explained, taken = known_part(fit.information.root * fit.scale, fit.information.right,
                                   fit.prior * fit.scale)
@@ -286,7 +286,7 @@ def _split(fit: Fit) -> tuple[float, float, float, float]:
 
 
 def known_part(rows: Array, right: Array, held: Array) -> tuple[float, int]:
-    """Return what rows explain where they know more than tolerances: chi-squared, how many values.
+    """Return chi-squared and values that rows explain where they know more than the tolerances.
 
     Args:
         rows: white, columns in natural units (n, C).
@@ -304,9 +304,9 @@ def noise_parts(fit: Fit) -> tuple[float, float]:
 
 
 def against_tolerances(noise: Noise, fit: Fit) -> Noise:
-    """Return the check with its prior's part as of a fit whose noise was corrected."""
+    """Return the check with its prior's part from a fit whose noise was corrected."""
     _, _, chi2, degrees = _split(fit)
-    # an error of what defines the frames moves all others, and is none of the machine
+    # an error of the frame-defining parameters moves all others, and is no error of the machine
     chi2 = max(chi2 - by_frames(fit.problem.mechanism, fit.problem.datasets, fit.problem.free,
                                 fit.prior * to_prior(fit.problem, fit.state)), 0.0)
     return replace(noise, prior_chi2=chi2, prior_degrees=degrees, prior_p=_chance(chi2, degrees))
@@ -330,7 +330,7 @@ def noise_check(fit: Fit) -> Noise:
     left = max(left, 1e-9)
     ratio = float(np.sqrt(max(square, 0.0) / left))
     repeat, repeat_degrees = _repeats(fit)
-    # one data set has the ratio of all; another pass over the rows tells several apart
+    # one data set has the ratio of all; several need another pass over the rows
     each = noise_ratios(fit)[0] if len(fit.problem.datasets) > 1 else np.array(
         [ratio if left >= LEAST else np.nan])
     own = {d.name: float(r) for d, r in zip(fit.problem.datasets, each, strict=True)
@@ -340,7 +340,7 @@ def noise_check(fit: Fit) -> Noise:
 
 
 def _repeated(groups: NDArray[np.int64], keep: Bools) -> Bools:
-    """Return which of the rows ``keep`` (N,) others of them measure again."""
+    """Return which of the rows ``keep`` (N,) are repeated by others of them."""
     _, label, count = np.unique(groups[keep], return_inverse=True, return_counts=True)
     out = np.zeros_like(keep)
     out[keep] = count[label] > 1

@@ -1,8 +1,8 @@
 """The rows of a fit as normal equations: J^T J, J^T r and r^T r, without J where rows are many.
 
-Squaring costs half of the digits: what is summed here finds the way, not the end. A fit takes its
-steps from these sums while their condition allows (:mod:`least_squares`), and its last one, its
-ranks and its intervals from the triangle that QR makes of the rows.
+Squaring loses half of the digits: these sums lead to the minimum but do not describe it. A fit
+takes its steps from them while their condition allows (:mod:`gauss_newton`), and its last step, its
+ranks and its intervals from the triangle of a QR of the rows.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from ppmcal.kinematics.limb_tables import EntryTables, LimbTables
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 
 AT_ONCE = 256
-"""Rows that are made together where they are reduced at once: as many as a cache holds."""
+"""Rows made at a time where they are then reduced: as many as fit a cache."""
 
 
 @dataclass(frozen=True)
 class NormalSums:
-    """All rows: ``matrix`` J^T J (C, C), ``gradient`` J^T r (C,), r^T r, and how many values."""
+    """All rows: ``matrix`` J^T J (C, C), ``gradient`` J^T r (C,), r^T r, and number of values."""
 
     matrix: Array
     gradient: Array
@@ -37,7 +37,7 @@ class NormalSums:
 
 def normal_sums(problem: Problem, state: State, keep: Sequence[Bools],
                 weights: Sequence[Array] | None = None) -> NormalSums:
-    """Return the normal equations of all rows; arguments as :func:`least_squares.qr_factor`."""
+    """Return the normal equations of all rows; arguments as :func:`linearisation.qr_factor`."""
     size = len(problem.columns) + 1
     earlier = problem.earlier_rows(state, size)
     total, count = earlier.T @ earlier, float(len(earlier))
@@ -59,7 +59,7 @@ def normal_sums(problem: Problem, state: State, keep: Sequence[Bools],
 
 def row_squares(problem: Problem, state: State, index: int, rows: Bools,
                 given: Sequence[Bools] | None = None) -> Array:
-    """Return the white squares (n,) of some rows (N,) of a data set, which all have poses.
+    """Return the white squares (n,) of some rows (N,) of a data set, all of which have poses.
 
     ``given``: as in :meth:`Problem.rows_of`.
     """
@@ -67,7 +67,7 @@ def row_squares(problem: Problem, state: State, index: int, rows: Bools,
     own = None
     sighting = problem.sighting(index, state)
     if given is not None and problem.companions[index]:
-        pass    # their noise is not their own
+        pass    # their noise is correlated with that of companions
     elif problem.mechanism.surplus:
         own = _likely_squares(problem, state, index, at)
     elif sighting.plain:
@@ -80,14 +80,14 @@ def row_squares(problem: Problem, state: State, index: int, rows: Bools,
             own = np.concatenate([squares(sight, _taken(some, state.poses[index]),
                                           *problem.measured(index, some)[:2])
                                   for some in _pieces(at)])
-    # the noise of joints, effects and distances take more than the residual itself
+    # for joint noise, effects and distances the residual alone is not enough
     return own if own is not None else np.concatenate([np.zeros(0), *(
         np.sum(r.residual**2, axis=1) for r in problem.rows_of(
             index, state, False, rows, given))])
 
 
 def _few_squares(problem: Problem, state: State, index: int, rows: Ints) -> Array | None:
-    """Return the same for few rows, by NumPy; None in the plane."""
+    """Return the same for few rows, by NumPy; None for planar machines."""
     data, registration = problem.datasets[index], state.registrations[index]
     if problem.mechanism.motion.planar:
         return None
@@ -106,7 +106,7 @@ def _few_squares(problem: Problem, state: State, index: int, rows: Ints) -> Arra
 
 
 def _likely_squares(problem: Problem, state: State, index: int, rows: Ints) -> Array | None:
-    """Return the white squares (n,) of rows whose limbs are surplus, None without a form."""
+    """Return the white squares (n,) of rows of surplus limbs, None without a compiled form."""
     out, sighting = [], problem.sighting(index, state)
     if not compiled_limbs.pays(problem.mechanism, rows.size) or not sighting.plain:
         return None
@@ -123,10 +123,10 @@ def _likely_squares(problem: Problem, state: State, index: int, rows: Ints) -> A
 
 @dataclass(frozen=True)
 class _CompiledRows:
-    """Rows ``index`` (N,) of a data set, compiled; ``values`` (N,): how many each holds.
+    """Rows ``index`` (N,) of a data set, compiled; ``values`` (N,): number of values in each.
 
-    ``size``: how many white values a row has, measured or not; ``noise`` (L,), ``gaps`` (m,) and
-    ``weight`` (N,) are there where limbs are surplus.
+    ``size``: number of white values per row, measured or not; ``noise`` (L,), ``gaps`` (m,) and
+    ``weight`` (N,): for surplus limbs only.
     """
 
     index: Ints
@@ -142,7 +142,7 @@ class _CompiledRows:
     weight: Array | None = None
 
     def made(self, some: slice, out: Array) -> Array:
-        """Fill rows (n, size, C + 1), or return the sums where there are none to fill."""
+        """Fill rows (n, size, C + 1), or return the sums if there are none to fill."""
         u, q, pose, seen, white = (a[some] for a in self.arrays)
         if self.noise is not None and self.gaps is not None and self.weight is not None:
             from ppmcal.calibration.fit.compiled_surplus_rows import white_rows as eliminated
@@ -157,7 +157,7 @@ class _CompiledRows:
 
 def _compiled_rows(problem: Problem, state: State, index: int, keep: Bools,
                    weights: Array | None) -> Iterator[_CompiledRows]:
-    """Yield some rows (N,) of a data set by pieces, nothing where they have no compiled form."""
+    """Yield some rows (N,) of a data set in pieces, nothing if they have no compiled form."""
     at = np.flatnonzero(keep & finite_rows(state.poses[index]))
     sighting = problem.sighting(index, state)
     if not compiled_limbs.pays(problem.mechanism, at.size) or not sighting.plain:
@@ -193,14 +193,14 @@ def _compiled_rows(problem: Problem, state: State, index: int, keep: Bools,
 
 
 def _pieces(rows: Ints) -> Iterator[Ints]:
-    """Yield rows (n,) in pieces, so that little that is made of them is held at once."""
+    """Yield rows (n,) in pieces, to bound memory."""
     for begin in range(0, rows.size, PIECE):
         yield rows[begin:begin + PIECE]
 
 
 def _compiled_sums(problem: Problem, state: State, index: int, keep: Bools,
                    weights: Array | None) -> tuple[Array, float] | None:
-    """Return the sums (C + 1, C + 1) of a data set, None where it has no compiled form."""
+    """Return the sums (C + 1, C + 1) of a data set, None if it has no compiled form."""
     upper, count, rows = None, 0.0, None
     for rows in _compiled_rows(problem, state, index, keep, weights):
         own = rows.made(slice(None), np.zeros((0, 0, 0)))
@@ -210,7 +210,7 @@ def _compiled_sums(problem: Problem, state: State, index: int, keep: Bools,
         return None
     whole = np.triu(upper) + np.triu(upper, 1).T
     place = np.concatenate([rows.entries.column, rows.columns])
-    # entries of one column add up; those of different columns are where they belong
+    # entries of one column add up; those of different columns are in place
     by_row = np.zeros((len(problem.columns) + 1, whole.shape[1]))
     np.add.at(by_row, place, whole)
     total = np.zeros((len(by_row), len(by_row)))
@@ -220,10 +220,10 @@ def _compiled_sums(problem: Problem, state: State, index: int, keep: Bools,
 
 @dataclass(frozen=True, eq=False)
 class WhiteBlock:
-    """Some white rows of a data set, with the residual behind their C columns.
+    """Some white rows of a data set, with the residual after their C columns.
 
-    ``index`` (n,): which; ``rows`` (n, m, C + 1), 0 where nothing was measured; ``values`` (n,):
-    how many of the m each holds.
+    ``index`` (n,): which rows; ``rows`` (n, m, C + 1), 0 where nothing was measured; ``values``
+    (n,): number of values among the m.
     """
 
     index: Ints
@@ -234,7 +234,7 @@ class WhiteBlock:
 def white_blocks(problem: Problem, state: State, index: int, keep: Bools,
                  weights: Array | None = None, given: Sequence[Bools] | None = None
                  ) -> Iterator[WhiteBlock]:
-    """Yield the rows of one data set that have a pose; arguments as :func:`normal_sums`.
+    """Yield the rows of one data set that have a pose; arguments as for :func:`normal_sums`.
 
     ``given``: as in :meth:`Problem.rows_of`.
     """
@@ -256,5 +256,5 @@ def white_blocks(problem: Problem, state: State, index: int, keep: Bools,
 
 
 def _taken(rows: Ints, array: Array) -> Array:
-    """Return some rows of an array, itself where that is all of them."""
+    """Return some rows of an array, or the array if that is all of them."""
     return np.ascontiguousarray(array) if rows.size == len(array) else array[rows]

@@ -1,4 +1,4 @@
-"""Which columns of a problem are whose: geometry first, then what each data set leaves open."""
+"""Column layout of a problem: geometry first, then the nuisance parameters of each data set."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ppmcal.model.registration import Registration
 
 @dataclass(frozen=True)
 class NuisanceColumns:
-    """Columns of one data set's open quantities, and the components that they are of.
+    """Columns of one data set's nuisance parameters, and the components that they belong to.
 
     ``about`` (3,): the point about which the frame is turned.
     """
@@ -70,25 +70,25 @@ class NuisanceColumns:
 
 
 def frame_parts(data: Dataset, motion: Motion) -> tuple[int, ...]:
-    """Return the components of an unknown frame that the instrument can tell."""
+    """Return the components of an unknown frame that the instrument can determine."""
     return data.kind.frame_parts(motion, data.to_q is not None)
 
 
 def target_parts(data: Dataset, motion: Motion) -> tuple[int, ...]:
-    """Return the components of an unknown target point that the instrument can tell."""
+    """Return the components of an unknown target point that the instrument can determine."""
     return data.kind.target_parts(motion, data.frame.fitted or data.to_q is not None)
 
 
 def lay_out(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[int],
             pivots: Sequence[Array] | None) -> tuple[tuple[NuisanceColumns, ...], tuple[str, ...]]:
-    """Return each data set's open columns, and the names of all columns (C,).
+    """Return each data set's nuisance columns, and the names of all columns (C,).
 
     Args:
         mechanism: names the parameters.
-        datasets: what they leave open follows the parameters, in their order.
+        datasets: their nuisance columns follow the parameters, in this order.
         free: indices of the parameters to fit.
         pivots: points about which frames are turned (3,), one for each data set, m in the
-            measuring frame  [default: each one's middle].
+            measuring frame  [default: each one's centroid].
     """
     names = [mechanism.names[p] for p in free]
     motion = mechanism.motion
@@ -96,7 +96,7 @@ def lay_out(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[in
     by_name: dict[str, NuisanceColumns] = {}
     by_body: dict[str, NuisanceColumns] = {}
     turn_parts = tuple(p - 3 for p in motion.measured_turns)
-    # a frame that another data set owns must have its columns before it is referred to
+    # a frame that another data set owns must have its columns before it is referenced
     for i, data in sorted(enumerate(datasets), key=lambda d: bool(d[1].frame.same_as)):
         def take(wanted: bool, labels: Sequence[str], data: Dataset = data) -> slice:
             begin = len(names)
@@ -115,7 +115,7 @@ def lay_out(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[in
         turns = data.target_rotation.fitted and motion.turns and (
             data.kind.sees_rotation or data.kind.of_turn is not None)
         turn = take(turns, [f"target_rotation.{POSE_COORDINATES[3 + p]}" for p in turn_parts])
-        # targets of one file were seen by one instrument, after one homing
+        # the targets of one file share one instrument and one homing
         file = by_body.get(data.body) if data.body else None
         homing = file.homing if file and data.homing == "per-file" else take(
             (i > 0 and data.homing == "per-file") or data.homing == "alone",
@@ -138,11 +138,11 @@ def turned_about(frame: Array, step: Array, about: Array) -> Array:
 
 
 TARGET, TURN, SCALE = 6, 9, 12
-"""Where parts of a registration begin; those of the frame come first."""
+"""First numbers of the parts of a registration; those of the frame start at 0."""
 
 
 class InstrumentTables(NamedTuple):
-    """What an instrument sees from where it stands.
+    """An instrument at its station.
 
     ``frame`` (12,): rotation row by row and translation; ``frame_rotor``, ``body`` (4,): rotors of
     the frame and of the measured body; ``target`` (3,); ``slope`` (9,): left Jacobian of the body's

@@ -1,8 +1,8 @@
-"""What an instrument sees of a pose: measured = frame o pose o target.
+"""What an instrument observes of a pose: measured = frame o pose o target.
 
 Shapes: N rows, m measured coordinates per row. Positions come first, rotations after:
 (x, y, rz) in the plane, (x, y, z) or (x, y, z, rx, ry, rz) in space. Rotation residuals
-are rotation vectors in the measuring frame's axes, so that no representation enters.
+are rotation vectors in the measuring frame's axes, independent of the representation.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from ppmcal.model.motions import Motion
 from ppmcal.model.registration import Registration
 
 GAP = "gap_"
-"""How the name of a limb's closure begins among residuals."""
+"""Prefix of a limb's closure among residual names."""
 
 
 @dataclass(frozen=True)
 class ResidualJacobian:
-    """Residuals of n rows and how the prediction moves.
+    """Residuals of n rows and the derivatives of the prediction.
 
     Attributes:
         residual: measured - predicted (n, m), 0 where not measured; m and rad.
         observed: (n, m).
-        by_poses: d prediction / d(platform origin displacement, rotation), (n, m, 6), of
-            each of the poses.
+        by_poses: d prediction / d(platform origin displacement, rotation), (n, m, 6), for
+            each pose.
         by_frame: d prediction / d(frame displacement, turn about the pivot), (n, m, 6).
         by_target: d prediction / d target (n, m, 3).
         by_target_rotation: d prediction / d target rotation vector (n, m, 3).
-        by_points: d prediction / d(point before the file's scale) (n, m, 3), of each pose.
+        by_points: d prediction / d(point before the file's scale) (n, m, 3), for each pose.
         by_scale: d prediction / d(scale of the file) (n, m).
-        points: where the measured point truly is, measuring frame (n, 3), of each pose.
-        inside: of an encoder at a joint how it reads, beside what the pose makes of that.
+        points: true position of the measured point, measuring frame (n, 3), for each pose.
+        inside: an encoder's reading at a joint, which depends on more than the pose.
     """
 
     residual: Array
@@ -67,7 +67,7 @@ class ResidualJacobian:
             tuple(b[:, pick] for b in self.by_points), self.points, self.by_scale[:, pick])
 
     def beside(self, residual: Array) -> ResidualJacobian:
-        """Return the rows with more residuals (n, s) behind theirs, on which no part here acts."""
+        """Return the rows with residuals (n, s) appended on which nothing here depends."""
         more = residual.shape[1]
 
         def padded(block: Array) -> Array:
@@ -87,7 +87,7 @@ def coordinates(data: Dataset, motion: Motion) -> tuple[int, ...]:
 
 
 def shown(data: Dataset, rows: Ints | slice = slice(None)) -> Array:
-    """Return what was measured in the places of x, y, z, rx, ry, rz (n, 6), nan elsewhere."""
+    """Return the measurements as x, y, z, rx, ry, rz (n, 6), nan elsewhere."""
     out = np.concatenate([data.position[rows], data.rotation[rows]], axis=1)
     if data.kind.scalar:
         out[:, data.kind.place] = data.value[rows]
@@ -95,27 +95,27 @@ def shown(data: Dataset, rows: Ints | slice = slice(None)) -> Array:
 
 
 def labels(data: Dataset, mechanism: Mechanism) -> tuple[str, ...]:
-    """Return the names of what residuals are of: ``x``, ..., ``height``, ``distance``.
+    """Return the names of the residuals: ``x``, ..., ``height``, ``distance``.
 
-    Without an instrument the limbs, ``gap_leg1``, ..., whose lengths contradict each other.
+    Without an instrument: the limbs whose lengths contradict each other, ``gap_leg1``, ...
     """
     return gap_names(mechanism) if data.kind.blind else data.kind.labels(mechanism.motion)
 
 
 def gap_names(mechanism: Mechanism) -> tuple[str, ...]:
-    """Return what the closure equations are called among residuals (m,)."""
+    """Return the names of the closure equations among residuals (m,)."""
     return tuple(f"{GAP}{limb.name}" + (f"_{n + 1}" if n else "") for limb in mechanism.limbs
                  for n in range(limb.kind.surface.equations))
 
 
 def values_per_row(data: Dataset, mechanism: Mechanism) -> int:
-    """Return how many values a whole row tells: measured, and surplus of the closure."""
+    """Return the number of values in a complete row: measured, and surplus closure."""
     ends = 1 if data.to_q is None else 2
     return len(coordinates(data, mechanism.motion)) + ends * mechanism.surplus
 
 
 def pivot(data: Dataset) -> Array:
-    """Return the point about which the frame is turned in fits (3,): the data's middle."""
+    """Return the point about which the frame is turned in fits (3,): the data's centroid."""
     seen = np.isfinite(data.position)
     count = np.maximum(seen.sum(axis=0), 1)
     return np.asarray(np.where(seen, data.position, 0.0).sum(axis=0) / count, dtype=float)
@@ -129,31 +129,31 @@ def view(data: Dataset, registration: Registration, poses: Sequence[Array], moti
     Args:
         data: n rows.
         registration: where the instrument stands.
-        poses: platform motors (n, 8) in the base frame; two of them for distances between two
+        poses: platform motors (n, 8) in the base frame; two for distances between two
             platform positions, else one.
         motion: the machine's motion.
         about: the frame's pivot (3,), m in the measuring frame.
         stretch: the instrument shows (1 + ``stretch``) (1 or n, 3, 3) times the true position.
-        closures: of each of the poses, for instruments that need more than these: weight, joints.
+        closures: one per pose, for instruments that need them: weight, joints.
     """
     if data.kind.of_turn is not None:
         return _tilts(data, registration, poses[0], closures[0].model.mechanism)
     if data.kind.placed is not None:
         return _joint(data, registration, poses[0], closures[0])
     if data.kind.touches:
-        stretch = None    # a touch is not a reading: the flat's height is as it is given
+        stretch = None    # a touch is not a reading: the height of the flat is as given
     stretch = in_scale(stretch, registration.scale)
     sights = [_six_coordinates(data, registration, pose, motion, about, stretch) for pose in poses]
     if data.kind.along_line:
         return _distance(data, sights, registration.scale)
     seen = sights[0].picked(coordinates(data, motion))
-    # heights times a scale would hold the very noise that it is to explain
+    # heights times a scale would contain the very noise that it is to explain
     return replace(seen, points=(np.zeros_like(seen.points[0]),)) if data.kind.touches else seen
 
 
 def _six_coordinates(data: Dataset, registration: Registration, pose: Array, motion: Motion,
                      about: Array, stretch: Array | None) -> ResidualJacobian:
-    """Return rows of one pose before the instrument picks what it measures of them."""
+    """Return all six coordinates of one pose, before the instrument picks those it measures."""
     point, rotation = predict(registration, pose)
     seen = stretched(point, stretch)
     turned = rotation_residual(data, rotation, motion)
@@ -185,7 +185,7 @@ def _six_coordinates(data: Dataset, registration: Registration, pose: Array, mot
 
 def _tilts(data: Dataset, registration: Registration, pose: Array, mechanism: Mechanism
            ) -> ResidualJacobian:
-    """Angles of a body's rotation: they move with turns of the frame, the pose and the body."""
+    """Angles of a body's rotation: they depend on the rotations of frame, pose and body."""
     motion, of_turn = mechanism.motion, data.kind.of_turn
     assert of_turn is not None
     platform, sensor = sensor_turn(mechanism, registration, pose)
@@ -204,7 +204,7 @@ def _tilts(data: Dataset, registration: Registration, pose: Array, mechanism: Me
 
 def _joint(data: Dataset, registration: Registration, pose: Array, closure: Closure
            ) -> ResidualJacobian:
-    """What an encoder at a joint reads; a whole turn more or less is the same."""
+    """The reading of an encoder at a joint, modulo whole turns."""
     reading = JointReading(closure, pose, data.kind.at)
     residual = (data.value - registration.offset - reading.value)[:, None]
     residual = wrapped(residual) if data.kind.quantity == "angle" else residual
@@ -221,7 +221,7 @@ def wrapped(angle: Array) -> Array:
 
 
 def _distance(data: Dataset, sights: Sequence[ResidualJacobian], scale: float) -> ResidualJacobian:
-    """Distances from the frame's origin, or between two positions: their rows along the line."""
+    """Distances from the frame's origin, or between two positions: rows along the line."""
     signed = list(zip((1.0, -1.0), sights, strict=False))
     apart = scale * np.sum([sign * s.by_scale[:, :3] for sign, s in signed], axis=0)
     length = np.linalg.norm(apart, axis=1)
@@ -243,7 +243,7 @@ def _distance(data: Dataset, sights: Sequence[ResidualJacobian], scale: float) -
 
 
 def in_scale(stretch: Array | None, scale: float) -> Array | None:
-    """Return the stretch of an instrument whose file has a scale of its own as well."""
+    """Return the stretch of an instrument whose file also has a scale of its own."""
     if scale == 1.0:
         return stretch
     own = np.zeros((1, 3, 3)) if stretch is None else stretch
@@ -256,7 +256,7 @@ def stretched(point: Array, stretch: Array | None) -> Array:
 
 
 def rotation_residual(data: Dataset, predicted: Array, motion: Motion) -> Array:
-    """Return measured against predicted rotation (n, 3), nan where incomplete."""
+    """Return the rotation from predicted to measured (n, 3), nan where incomplete."""
     measured = data.rotation
     if motion.planar:
         angle = np.arctan2(predicted[:, 1, 0], predicted[:, 0, 0])
@@ -287,7 +287,7 @@ def noise(data: Dataset, motion: Motion) -> Array:
 def joint_covariance(data: Dataset, motion: Motion) -> Array | None:
     """Return the covariance of the measured x, y, z, or of all coordinates (n, p, p).
 
-    None where each is off by itself.
+    None where the coordinates are uncorrelated.
     """
     if data.covariance is None:
         return None
@@ -296,14 +296,14 @@ def joint_covariance(data: Dataset, motion: Motion) -> Array | None:
 
 
 def noise_quantity(data: Dataset) -> str:
-    """Return of what quantity a data set's noise is, where it is told as one number."""
+    """Return the quantity of a data set's noise where it is reported as one number."""
     if data.kind.scalar:
         return data.kind.quantity
     return "length" if data.kind.of_poses else "angle"
 
 
 def typical_noise(data: Dataset) -> float:
-    """Return the median noise of a data set's values or positions, m; of angles rad."""
+    """Return the median noise of a data set's values or positions, m; rad for angles."""
     sigma = data.sigma_value if data.kind.scalar else (
         data.sigma_position if data.kind.of_poses else data.sigma_rotation)
     return float(np.nanmedian(sigma))
@@ -312,8 +312,8 @@ def typical_noise(data: Dataset) -> float:
 def joint_noise(mechanism: Mechanism, data: Dataset) -> Array:
     """Return the standard deviations of the joint values (k,), unit of q.
 
-    Where nobody says, joints are exact; those of a machine with surplus equations, which contradict
-    each other by their noise alone, are as good as the instrument, unless limbs gap.
+    If not stated, joints are exact, except on machines with surplus equations and no gap noise,
+    where only noise can make joints contradict each other: they are as good as the instrument.
     """
     gap = np.all(gap_noise(mechanism, data) > 0.0)
     if not mechanism.surplus or gap or np.any(data.sigma_actuator > 0.0):
@@ -326,18 +326,18 @@ def joint_noise(mechanism: Mechanism, data: Dataset) -> Array:
 
 
 def gap_noise(mechanism: Mechanism, data: Dataset) -> Array:
-    """Return the standard deviations of what the closure equations may gap in a data set (m,)."""
+    """Return the standard uncertainty of the closure gaps in a data set (m,)."""
     return data.gap_factor * mechanism.gap_sigma
 
 
 def white_measurements(data: Dataset, motion: Motion, rows: Ints | slice = slice(None)
                        ) -> tuple[Array, Array, Ints]:
-    """Return what was measured in some rows: x ... rz (n, 6), 1/sigma (n, m), how many (n,).
+    """Return what was measured in some rows: x ... rz (n, 6), 1/sigma (n, m), count (n,).
 
-    The first two are 0 where nothing was measured; a row of less weight has a larger sigma.
+    The first two are 0 where nothing was measured; a row of lower weight has a larger sigma.
     """
     own = shown(data, rows)
-    # one number, or angles of an instrument's own, are no part of a rotation
+    # a single number, or angles in the instrument's own sense, are not part of a rotation
     if not motion.planar and not data.kind.scalar and data.kind.of_turn is None:
         own[~finite_rows(own[:, 3:]), 3:] = np.nan
     seen = np.isfinite(own[:, list(coordinates(data, motion))])

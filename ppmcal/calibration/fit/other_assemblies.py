@@ -1,8 +1,8 @@
-"""Poses in which a machine closes at the same joint values as where its home leads to.
+"""Other assemblies: poses that close at the same joint values as the one reached from home.
 
-One of them may be how it is assembled, mirrored. Or where limbs say more than a pose has freedoms:
-as long as the geometry is off, they may close best on both sides of where the platform is, and led
-from home rows come to the wrong one.
+One of them may be how the machine is assembled, mirrored. Or, with surplus limbs: while the
+geometry is off, they may close best on either side of the true platform pose, and rows reached from
+home end up on the wrong one.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism, joint_points
 
 STARTS, MOST = 64, 6
-"""Poses about the base from which assemblies are looked for, and how many of these are tried."""
+"""Poses about the base from which assemblies are searched, and how many of these are tried."""
 SAME = 1e-6
-"""Poses closer than this part of the reach are one assembly."""
+"""Poses closer than this part of the reach are the same assembly."""
 
 
 def middle_row(datasets: Sequence[Dataset]) -> Array | None:
-    """Return the joint values (k,) in the middle of all that were measured, None if none were."""
+    """Return the joint values (k,) in the middle of all measured ones, None if there are none."""
     q = np.concatenate([d.q for d in datasets])
     q = q[finite_rows(q)]
     if not len(q):
@@ -38,14 +38,14 @@ def middle_row(datasets: Sequence[Dataset]) -> Array | None:
 
 
 def assembled_at(mechanism: Mechanism, pose: Array, q: Array) -> Mechanism:
-    """Return the machine whose home is a pose (6,) at joint values (k,), its limbs as they are."""
+    """Return the machine with its home at a pose (6,) and joint values (k,), limbs unchanged."""
     limbs = tuple(limb if limb.kind.strut else replace(limb, branch=None)
                   for limb in mechanism.limbs)
     return replace(mechanism, home_pose=pose, home_q=q, limbs=limbs)
 
 
 def other_starts(problem: Problem, state: State) -> Iterator[State]:
-    """Yield a state with the poses that rows are led to from each other pose of their middle."""
+    """Yield states with the rows' poses reached from each other assembly of their middle row."""
     middle = middle_row(problem.datasets)
     if middle is None:
         return
@@ -56,9 +56,9 @@ def other_starts(problem: Problem, state: State) -> Iterator[State]:
 
 
 def assemblies(mechanism: Mechanism, q: Array) -> Iterator[Array]:
-    """Yield poses (6,) at which the nominal machine closes at joint values (k,), each once.
+    """Yield the poses (6,) at which the nominal machine closes at joint values (k,), each once.
 
-    That which home leads to is none of them.
+    The pose reached from home is left out.
     """
     rng, size = np.random.default_rng(0), np.zeros((STARTS, 6))
     dof = list(mechanism.dof)

@@ -1,7 +1,7 @@
-"""Limbs that were measured the other way round than the file says: another elbow, another branch.
+"""Limbs measured in the opposite branch to the file's: the other elbow, the other root.
 
-Forward kinematics close with either, so such a machine fits as well; commands would be joint values
-at which it was never seen.
+Forward kinematics close with either, so such a machine fits as well; but commands would be joint
+values at which it was never measured.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import Note
 
 AT = 0.1
-"""A row is at the other root where it is off that by less than this part of what they are apart."""
+"""A row is at the other root if it is closer to it than this part of the roots' distance."""
 Ranges = Mapping[str, tuple[float, float]]
 
 
 def both_ways(model: Model, index: int, pose: Array, near: float) -> Array:
-    """Return joint values (N, 2) of a limb at poses (N, 8): as the file says, and the other way.
+    """Return joint values (N, 2) of a limb at poses (N, 8): of the file's branch, and the other.
 
-    Whole turns are those next to ``near``; nan where it cannot reach.
+    Whole turns are those closest to ``near``; nan where it cannot reach.
     """
     roots = to_joint(model, index, limb_roots(model, index, pose)[0])
     own = 1 if home_state(model.mechanism).roots[index] > 0 else 0
@@ -35,7 +35,7 @@ def both_ways(model: Model, index: int, pose: Array, near: float) -> Array:
 
 
 def branch_findings(problem: Problem, state: State) -> list[Note]:
-    """Return which limbs most rows show the other way round, a sentence each."""
+    """Return the limbs that most rows show in the opposite branch, one note each."""
     model = Model(problem.mechanism.with_values(state.g))
     ends = [e for i in range(len(problem.datasets)) for e in problem.ends(i, state)]
     q, pose = (np.concatenate(part) for part in zip(*ends, strict=True))
@@ -52,11 +52,11 @@ def branch_findings(problem: Problem, state: State) -> list[Note]:
         if 2 * int(other.sum()) > other.size:
             seen, said = (_range(problem.mechanism, limb.actuator, v[other])
                           for v in (here, both[:, 0]))
-            out.append(Note(f"limb '{limb.name}' was measured the other way round than the file "
-                            f"says: {problem.mechanism.actuators[limb.actuator]} at {seen}, where "
-                            f"its '{limb.kind.branch}' gives {said} for the same poses, and so "
-                            f"would commands. Set '{limb.kind.branch}', or the home joint values, "
-                            "the other way", topic="branch"))
+            out.append(Note(f"limb '{limb.name}' was measured in the opposite branch to the "
+                            f"file's: {problem.mechanism.actuators[limb.actuator]} at {seen}, "
+                            f"where its '{limb.kind.branch}' gives {said} for the same poses, and "
+                            f"so would commands. Reverse '{limb.kind.branch}', or change the home "
+                            "joint values", topic="branch"))
     return out
 
 
@@ -67,13 +67,13 @@ def _range(mechanism: Mechanism, actuator: int, values: Array) -> str:
 
 def in_other_branch(model: Model, pose: Array, q: Array, ranges: Ranges
                     ) -> Iterator[tuple[int, str]]:
-    """Yield which commands are outside what was measured where the limb's other way is inside it.
+    """Yield commands outside the measured range for which the limb's other branch is inside it.
 
     Args:
         model: the identified machine.
         pose: the platform's motors (N, 8).
         q: commands (N, k).
-        ranges: what was measured, by column (``q_leg1`` ...), SI.
+        ranges: measured ranges by column (``q_leg1`` ...), SI.
 
     Yields:
         index of the row, and the reason to refuse it.
@@ -91,7 +91,7 @@ def in_other_branch(model: Model, pose: Array, q: Array, ranges: Ranges
         other = both_ways(model, index, pose[rows], 0.5 * (low + high))[:, 1]
         factor, unit = mechanism.joint_units[limb.actuator]
         for n in rows[(other >= low) & (other <= high)].tolist():
-            yield n, (f"limb '{limb.name}' the other way round than it was measured: {name} = "
+            yield n, (f"limb '{limb.name}' in the opposite branch to the measured one: {name} = "
                       f"{here[n] / factor:.6g} {unit}".rstrip() + ", measured "
                       f"{low / factor:.6g} to {high / factor:.6g} {unit}".rstrip()
-                      + f"; its '{limb.kind.branch}' is the other one")
+                      + f"; reverse its '{limb.kind.branch}'")

@@ -1,4 +1,4 @@
-"""Rows that do not belong, gross errors: those that were left out, and those nothing checks."""
+"""Gross errors: rows that do not belong and were left out, and rows that nothing else checks."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from ppmcal.wording import abbreviate_list
 from ppmcal.wording.progress import stage
 
 UNCHECKED = 0.1
-"""A row keeps less than this part of its own error in its residual: none would be seen."""
+"""A row is unchecked if less than this part of its own error stays in its residual."""
 SHIFTS = 4.0
-"""A left-out row is said to change a parameter where it would by so many sigmas."""
+"""A left-out row is reported to change a parameter if by at least this many standard deviations."""
 FIRST_ORDER = 100.0
-"""And by fewer tolerances than these."""
+"""And by fewer tolerances than this."""
 
 
 @dataclass(frozen=True)
@@ -38,16 +38,15 @@ class GrossError:
 
     Attributes:
         dataset, row: its data set and its number in the CSV.
-        coordinate: index among x, y, z, rx, ry, rz (a height is z, a distance x) that is
-            farthest off, measured over noise; ``value``, ``predicted``: there, SI.
-        times: how far, in standard deviations of the noise that the rows show.
-        number: what an instrument of one number calls it; of limbs that contradict each other
-            which is farthest from closing, ``gap_leg1``, with its gap.
-        joint: where repeats of the row say that it is wrong, the joint that is farthest from what
-            they say, an actuator; ``value``, ``predicted``: of the joint, SI, and ``times`` of the
+            farthest off, relative to noise; ``value``, ``predicted``: of this coordinate, SI.
+        times: its residual in standard deviations of the noise that the rows show.
+        number: name of the value of an instrument with a single one; for limbs that contradict
+            each other, ``gap_leg1`` of the one farthest from closing, with its gap.
+        joint: for a row contradicted by its repeats, the actuator that differs most from
+            them; ``value``, ``predicted``: of the joint, SI, and ``times`` relative to the
             scatter of repeats.
-        slack: limbs, ropes, that the sign of one contradiction a row lets be slack: they read
-            longer than the others let them be.
+        slack: limbs (ropes) that, by the sign of a row's one contradiction, may be slack: they
+            read longer than the others allow.
     """
 
     dataset: str
@@ -71,7 +70,7 @@ class UncheckedRows:
 
 @dataclass(frozen=True)
 class GrossErrors:
-    """What does not belong.
+    """The gross errors of a fit.
 
     ``rows``: left out; ``would``: parameter -> (value now, value with those rows), SI;
     ``unchecked``: rows that nothing else checks; ``homing_shifts``: of joints.
@@ -85,11 +84,11 @@ class GrossErrors:
 
 @stage("explaining gross errors")
 def find_gross_errors(fit: Fit, told: Fit | None = None) -> GrossErrors:
-    """Return what does not belong in a fit's data.
+    """Return the gross errors in a fit's data.
 
     Args:
-        fit: with the stated noise, by which a row is judged.
-        told: with the noise that is left, whose values are reported; None: the same.
+        fit: with the stated noise, by which rows are judged.
+        told: with the noise found in the residuals, whose values are reported; None: the same.
     """
     covariance = prediction_covariance(fit)
     rows = tuple(_left_out(fit))
@@ -109,7 +108,7 @@ def _left_out(fit: Fit) -> Iterator[GrossError]:
         worst = np.argmax(np.abs(rows.residual), axis=1)
         gaps = _gaps(rows) if np.any(worst >= len(places)) else np.zeros((0, 0))
         for n, (index, c) in enumerate(zip(rows.index.tolist(), worst.tolist(), strict=True)):
-            # as it was judged, and where nobody did as it is
+            # as judged; for rows that were not judged, as they are
             times = (fit.times[rows.dataset] if fit.times else {}).get(
                 index, float(abs(rows.residual[n, c])))
             again = (fit.repeated[rows.dataset] if fit.repeated else {}).get(index)
@@ -124,7 +123,7 @@ def _left_out(fit: Fit) -> Iterator[GrossError]:
             value = float(shown(data)[index, places[c]])
             predicted = value - float(rows.raw[n, c])
             if places[c] >= 3 and data.kind.of_poses:
-                # rotation vectors do not add up: what the others say of the whole rotation
+                # rotation vectors do not add up: take the prediction of the whole rotation
                 registration = fit.state.registrations[rows.dataset]
                 pose = fit.state.poses[rows.dataset][index][None]
                 predicted = float(measured_pose(registration, pose)[0, places[c]])
@@ -134,7 +133,7 @@ def _left_out(fit: Fit) -> Iterator[GrossError]:
 
 
 def _against_repeats(fit: Fit, data: Dataset, index: int, again: Ints, times: float) -> GrossError:
-    """Return what is wrong with a row of joint values that others at its place tell, ``again``."""
+    """Return the error of a row of joint values that its repeats ``again`` contradict."""
     middle = np.median(data.q[again], axis=0)
     joint = _most_apart(fit, data, data.q[index] - middle)
     name = fit.problem.mechanism.actuators[joint]
@@ -143,41 +142,41 @@ def _against_repeats(fit: Fit, data: Dataset, index: int, again: Ints, times: fl
 
 
 def _most_apart(fit: Fit, data: Dataset, apart: Array) -> int:
-    """Return in which joint values (k,) are farthest apart, by their noise."""
+    """Return the index of the joint whose values (k,) differ most relative to their noise."""
     sigma = fit.problem.sigma_joints[fit.problem.datasets.index(data)]
     return int(np.argmax(np.abs(apart) / np.maximum(sigma, 1e-300)))
 
 
 def contradictions(fit: Fit) -> list[Note]:
-    """Return which rows in use were read at one place and contradict each other, in sentences."""
+    """Return notes on rows in use that were read at one place and contradict each other."""
     out = []
     for data, places in zip(fit.problem.datasets, fit.contradicting, strict=False):
         for rows in places:
             joint = _most_apart(fit, data, np.ptp(data.q[rows], axis=0))
             some = abbreviate_list([str(int(r)) for r in data.rows[rows]])
             out.append(Note(
-                f"{data.name}: rows {some} were read at one place and contradict each other, most "
-                f"in q_{fit.problem.mechanism.actuators[joint]}; nothing tells which is wrong, so "
-                "they count in part: read that place again", topic="row weights"))
+                f"{data.name}: rows {some} were read at one place but contradict each other, most "
+                f"in q_{fit.problem.mechanism.actuators[joint]}; which is wrong cannot be told, so "
+                "they get less weight: read that place again", topic="row weights"))
     return out
 
 
 def _gaps(rows: Rows) -> Array:
-    """Return how far limbs are from closing where all do best (n, m), m."""
+    """Return how far limbs are from closing at the best pose of all (n, m), m."""
     assert rows.response is not None
     return rows.response.closure.lengths(rows.response.pose)
 
 
 def _widest(gaps: Array, mechanism: Mechanism) -> tuple[str, float]:
-    """Return which limb of one row is farthest from closing, and its gap, of all (m,)."""
+    """Return the limb of one row that is farthest from closing, and its gap, of all (m,)."""
     widest = int(np.argmax(np.abs(gaps)))
     return gap_names(mechanism)[widest], float(gaps[widest])
 
 
 def _may_be_slack(gaps: Array, mechanism: Mechanism) -> tuple[str, ...]:
-    """Return the ropes within whose readings their ends are in one row, where none stands alone.
+    """Return the ropes whose readings exceed their length in one row, if it has one contradiction.
 
-    One contradiction shares itself among all limbs, so that its size tells none of them.
+    A single contradiction spreads over all limbs, so that its size points to none of them.
     """
     limbs = mechanism.limbs
     if mechanism.surplus != 1 or not all(limb.kind.pulls_only for limb in limbs):
@@ -186,13 +185,13 @@ def _may_be_slack(gaps: Array, mechanism: Mechanism) -> tuple[str, ...]:
 
 
 def _would(fit: Fit, covariance: Array, noise: float) -> dict[str, tuple[float, float]]:
-    """Return parameters that the left-out rows would change, to first order.
+    """Return the parameters that the left-out rows would change, to first order.
 
-    ``noise``: what the fit counts rows as, times that of its problem.
+    ``noise``: the fit's noise relative to that of its problem.
     """
     count = len(fit.problem.free)
     gain, right = np.zeros_like(covariance), np.zeros(len(covariance))
-    # a fit moves the poses of its own rows, not of those left out
+    # a fit moves the poses of its own rows, but not of those left out
     for rows in fit.problem.rows(fit.problem.solve(fit.state), True, fit.outliers):
         flat = rows.jacobian.reshape(-1, len(covariance)) / noise
         gain += flat.T @ flat
@@ -201,7 +200,7 @@ def _would(fit: Fit, covariance: Array, noise: float) -> dict[str, tuple[float, 
     sigma = np.sqrt(np.maximum(np.diagonal(covariance), 1e-300))
     out = {}
     for c in np.argsort(-np.abs(step[:count]) / sigma[:count]).tolist():
-        # beyond that a first-order figure says nothing
+        # beyond that a first-order figure is meaningless
         if SHIFTS * sigma[c] < abs(step[c]) < FIRST_ORDER * fit.scale[c]:
             p = fit.problem.free[c]
             now = float(fit.state.g[p])
@@ -210,7 +209,7 @@ def _would(fit: Fit, covariance: Array, noise: float) -> dict[str, tuple[float, 
 
 
 def unchecked(fit: Fit, covariance: Array) -> Iterator[UncheckedRows]:
-    """Yield rows of one-number instruments whose own error would hardly show."""
+    """Yield rows of single-value instruments whose own error would hardly show."""
     found: dict[str, list[int]] = {}
     keep = [k & (d.kind.scalar) for d, k in zip(fit.problem.datasets, fit.keep, strict=True)]
     for rows in fit.problem.rows(fit.state, True, keep):
@@ -227,13 +226,13 @@ def unchecked(fit: Fit, covariance: Array) -> Iterator[UncheckedRows]:
 # --- rows far beyond what noise and tolerances explain, whatever the geometry ---------------------
 
 GROSS = 5.0
-"""Before a fit: a row so many times beyond what noise and tolerances explain waits aside."""
+"""Before a fit, a row is set aside if this many times beyond what noise and tolerances explain."""
 
 
 def gross_errors(problem: Problem, state: State, keep: Sequence[Bools]) -> list[Bools]:
-    """Return which of the rows ``keep`` do not belong whatever the geometry, by data set (N,).
+    """Return which of the rows ``keep`` cannot belong for any geometry, by data set (N,).
 
-    None where there are too many of them to be single mistakes.
+    None of them if there are too many to be single mistakes.
     """
     out = gross_mask(explained_distances(problem, state), keep)
     total = sum(int(k.sum()) for k in keep)
@@ -252,12 +251,12 @@ def single_gross_rows(fit: Fit) -> list[Bools]:
 
 
 def rows_with_outliers(fit: Fit) -> list[Bools]:
-    """Return the rows (N,) of each data set that a fit uses or has left out as outliers."""
+    """Return the rows (N,) of each data set that a fit used or left out as outliers."""
     return [k | o for k, o in zip(fit.keep, fit.outliers, strict=True)]
 
 
 def gross_mask(found: Distances, keep: Sequence[Bools]) -> list[Bools]:
-    """Return the rows ``keep`` that are beyond :data:`GROSS` times what half of them are."""
+    """Return the rows ``keep`` beyond :data:`GROSS` times their median distance."""
     limit = GROSS * max(1.0, found.times(keep))
     return [k & (np.sqrt(np.where(np.isnan(d) | (m == 0), 0.0, d) / chdtri(np.maximum(m, 1.0), 0.5))
                  > limit) for k, d, m in zip(keep, found.square, found.size, strict=True)]

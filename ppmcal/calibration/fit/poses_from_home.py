@@ -1,8 +1,8 @@
-"""Poses led from home, kept for whoever asks for the same ones again.
+"""Poses reached from home, cached.
 
-A campaign's poses at the machine's present values start its fit, and are asked for again where the
-nominal machine is registered and judged. Leading them there is what few rows cost most, above all
-those of surplus limbs, and neither what is free nor how rows weigh changes them.
+A campaign's poses at the machine's present values start its fit, and are needed again where the
+nominal machine is registered and judged. Reaching them is most of the cost for few rows, above all
+with surplus limbs, and depends neither on what is free nor on row weights.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 
 MOST = 16384
-"""So many rows are kept: more are made by compiled loops, in less time than memory is worth."""
+"""At most this many rows are kept: for more, compiled loops take less than the memory is worth."""
 
 
 @dataclass(eq=False)
@@ -27,7 +27,7 @@ class PosesFromHome:
     known: list[tuple[Model, Array, Array]] = field(default_factory=list)
 
     def of(self, model: Model, q: Array, solve: Callable[[], Array]) -> Array:
-        """Return poses (N, 8) at joint values ``q`` (N, k), by ``solve`` where they are not known.
+        """Return poses (N, 8) at joint values ``q`` (N, k), from the cache or else by ``solve``.
 
         With effects they depend on more than joint values, and are not kept.
         """
@@ -50,7 +50,7 @@ def _alike(one: Model, other: Model) -> bool:
 
 
 def _defined_alike(a: Mechanism, b: Mechanism) -> bool:
-    """Whether nothing but what is known of the parameters differs between two machines."""
+    """Whether two machines differ in nothing but prior information about the parameters."""
     return a is b or (a.limbs is b.limbs and a.motion is b.motion and a.gaps == b.gaps
                       and np.array_equal(a.home_pose, b.home_pose)
                       and np.array_equal(a.home_q, b.home_q, equal_nan=True)

@@ -1,9 +1,9 @@
-"""What earlier measurements knew: a calibration carried on with new data.
+"""Information from earlier measurements: a calibration continued with new data.
 
 At the end of a fit its rows are one triangle; with frames and targets eliminated, and without the
-tolerances, |R s - r|^2 is what the data alone say of steps s of the parameters from there. As rows
-of a new fit these count like measurements, so that the tolerances count once, and what no data ever
-saw stays redundant.
+tolerances, |R s - r|^2 is what the data alone say about steps s of the parameters from there.
+In a new fit these rows count like measurements, so that the tolerances count once, and what no data
+ever saw stays redundant.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from ppmcal.plain import Line, Rows
 from ppmcal.units import COLUMN, JOINTS, PARAMETERS, Finite, Key, Quantity
 
 ROUND_OFF = 1e-9
-"""Frames and targets that others imitate are so little of their own length apart."""
+"""Frame and target columns closer together than this, relative to their length, are confounded."""
 BENT = 0.5
-"""Where two data sets' blind directions differ by the bend between them, a tolerance makes fewer
-standard deviations than this: neither tells anything there."""
+"""Where the null directions of two data sets differ only by the bend between them, a tolerance is
+fewer standard deviations than this: neither carries information there."""
 SEEN = 1e-2
-"""A direction counts as seen where one tolerance in it makes so many standard deviations."""
+"""A direction counts as seen if one tolerance in it is at least this many standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class PriorInformation:
     value: Array
 
     def rows(self, mechanism: Mechanism, free: Sequence[int], g: Array) -> tuple[Array, Array]:
-        """Return residual (k,) and Jacobian (k, F) at g (P,); what is not free counts as it is."""
+        """Return residual (k,) and Jacobian (k, F) at g (P,); others count as they are."""
         away = g[list(self.places)] - self.value
         slope = np.ones(len(self.places))
         for c, p in enumerate(self.places):
@@ -60,7 +60,7 @@ class PriorInformation:
 
 @dataclass(frozen=True, eq=False)
 class PoseResiduals:
-    """What no column explains of a data set's rows, SI.
+    """Residuals of a data set's rows that no column explains, SI.
 
     ``q`` (n, k) joint values, unit of q; ``rest`` (n, m) by measured coordinate, in base axes, 0
     where not measured; ``rotations``: how many of the m, the last ones, are rotations.
@@ -82,17 +82,17 @@ class PoseResiduals:
 
 @dataclass(frozen=True, eq=False)
 class SessionKnowledge:
-    """Rows |matrix [s, c] - right|^2 of steps s of the parameters and c of what was held known.
+    """Rows |matrix [s, c] - right|^2 of steps s of the parameters and c of known quantities.
 
     Attributes:
         names: of the c (K,): ``frame.x of NAME``, ``homing.a of session``, ``scale of NAME`` ...
         matrix, right: (k, F + K), (k,), white by the stated noise.
         scale: natural units of the c (K,), SI.
-        noise: what no column explains, over the stated noise.
-        spread: the same as estimates scatter by it, pose by pose.
+        noise: unexplained residuals over the stated noise.
+        spread: the scatter that these give to estimates, pose by pose.
         degrees: its degrees of freedom.
-        single: the rows are the measured ones, in their order.
-        sights: what no column explains row by row, by data set.
+        single: whether the rows are the measured ones, in their order.
+        sights: residuals that no column explains, row by row, by data set.
     """
 
     names: tuple[str, ...]
@@ -118,12 +118,12 @@ class SessionKnowledge:
 
 @dataclass(frozen=True, eq=False)
 class DefiningParameters:
-    """Parameters that define the frames of a fit by joint values alone, and were not fitted (G,).
+    """Parameters that define the frames of a fit to joint values alone, and were not fitted (G,).
 
     Attributes:
-        names: of them.
+        names: of the parameters.
         scale: their natural units (G,), SI.
-        seen: how the fitted ones change, seen from these frames, as each of them moves by its
+        seen: how the fitted parameters change, in these frames, as each of them moves by its
             natural unit (G, F), SI.
     """
 
@@ -140,23 +140,23 @@ class DefiningParameters:
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """What an identification ended with, SI.
+    """Result of an identification, SI.
 
     Attributes:
         places: parameters that were free (F,).
-        value: the estimate (F,), or where the rows are from and ``step`` leads to it from.
+        value: the estimate (F,), or the linearisation point from which ``step`` leads to it.
         matrix, right: rows |matrix s - right|^2 of its data about the value (k, F), (k,),
             white by the stated noise.
-        tolerance: the prior's standard deviation (F,), inf where there was none.
+        tolerance: the prior's standard deviation (F,), inf without prior.
         scale: natural unit of each parameter (F,).
-        inflation: factor on the stated noise that the noise check had asked for; the tolerances
-            stand as they are.
+        inflation: factor on the stated noise from the noise check; it does not affect the
+            tolerances.
         inputs: content hash -> name of the measurement tables behind it.
         source: the file.
-        session: what the data say beyond its parameters; None where a file does not hold it.
+        session: information in the data beyond its parameters; None if the file has none.
         known: rows by which copies of those tables are recognised.
         step: from the value to the estimate (F,), SI; None: the value is the estimate.
-        defining: what defines its frames; None where nothing does, or where a file does not hold
+        defining: what defines its frames; None if nothing does, or if the file does not hold
             it.
     """
 
@@ -175,7 +175,7 @@ class Posterior:
     defining: DefiningParameters | None = None
 
     def estimate(self, mechanism: Mechanism) -> Array:
-        """Return where data and tolerances together have their minimum (F,), SI."""
+        """Return the minimum of data and tolerances together (F,), SI."""
         if self.step is None:
             return self.value
         return np.array([mechanism.parameters[p].stepped(v, s) for p, v, s in zip(
@@ -187,7 +187,7 @@ class Posterior:
         return -np.asarray(self.matrix.T @ left) / self.inflation**2
 
     def data(self) -> PriorInformation:
-        """Return the data's part, without the prior."""
+        """Return the information of the data, without the prior."""
         return PriorInformation(self.places, self.matrix / self.inflation,
                                 self.right / self.inflation, self.value)
 
@@ -197,7 +197,7 @@ def of_data(triangle: Array, right: Array, count: int, scale: Array) -> tuple[Ar
 
     Args:
         triangle: all rows of a fit as |triangle s - right|^2 (C, C), (C,).
-        right: see there.
+        right: see ``triangle``.
         count: number of parameters F; the rest are frames and targets.
         scale: natural unit of every parameter (F,).
     """

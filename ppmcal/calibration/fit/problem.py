@@ -1,8 +1,8 @@
 """Whitened residuals and their Jacobian for a machine, its registrations and the data.
 
-Columns: first the free geometry parameters, then what each data set leaves open (frame,
-target, target rotation, homing). Rows are produced in chunks of poses, so that memory
-stays small however many there are:
+Columns: the free geometry parameters, then the nuisance parameters of each data set (frame,
+target, target rotation, homing). Rows are produced in chunks of poses, which bounds memory
+however many there are:
 
     d prediction = by_pose . dpose,    dpose = -A^-1 (Bg dg + Jq dh),
 
@@ -40,16 +40,16 @@ from ppmcal.model.registration import Registration
 from ppmcal.model.sessions import companions
 
 CHUNK, LONG_CHUNK = 2048, 16384
-"""Rows that are made at once, and without effects, where compiled loops hold next to nothing."""
+"""Rows per chunk, with effects and without; without them compiled loops need little memory."""
 PIECE = 65536
-"""Of more rows not all that a compiled loop takes is made at once."""
+"""Data sets larger than this are not prepared whole for the compiled loops."""
 
 
 @dataclass(frozen=True)
 class State:
     """Where the fit stands: parameters (P,), one registration per data set, poses (N, 8) each.
 
-    Distances between two platform positions have both poses in a row (N, 16).
+    For distances between two platform positions a row holds both poses (N, 16).
     """
 
     g: Array
@@ -58,7 +58,7 @@ class State:
 
 
 def white_squares(problem: Problem, state: State, keep: Sequence[Bools]) -> tuple[float, float]:
-    """Return the sum of white squares over rows (N,) of each data set, and how many values."""
+    """Return the sum of white squares over rows (N,) of each data set, and the number of values."""
     each = [rows.squares() for rows in problem.rows(state, False, keep)]
     return sum(square for square, _ in each), sum(count for _, count in each)
 
@@ -67,12 +67,12 @@ def squares_by_noise_of(one: tuple[Problem, State], other: tuple[Problem, State]
                         keep: Sequence[Bools]) -> float:
     """Return the sum of white squares of ``one`` state, its rows weighted as at the ``other``.
 
-    The noise of joints is carried to the measured point by geometry and registration, and moves
-    with them: what two fits leave is compared by one noise or not at all.
+    Geometry and registration carry the joint noise to the measured point, so the noise depends on
+    the state: residuals of two fits are comparable only if both are whitened by the same noise.
 
     Args:
-        one: whose residuals count; its data sets are the other's, whatever these leave open.
-        other: at which state they are whitened.
+        one: whose residuals count; same data sets as the other's, whatever they leave open.
+        other: the state at which they are whitened.
         keep: rows (N,) by data set that have a pose in both.
     """
     (problem, state), (by, at) = one, other
@@ -86,10 +86,10 @@ class Problem:
     """A machine and its measurements.
 
     ``free`` are parameter indices (F,); ``pivots`` the points about which frames are turned,
-    one (3,) per data set, default each one's middle; ``given`` their environments, default as
-    their columns say; ``earlier``: what earlier measurements knew; ``home``: poses that this
-    problem, or one that it was made from, was led to from home; ``at_rest``: its closed rows, of
-    which nothing but frames and targets moves.
+    one (3,) per data set, by default its centroid; ``given`` their environments, by default
+    from their columns; ``earlier``: prior information from earlier measurements; ``home``: poses
+    that this problem, or one it derives from, reached from home; ``at_rest``: its closed rows,
+    for fits in which only frames and targets move.
     """
 
     mechanism: Mechanism
@@ -110,13 +110,13 @@ class Problem:
         return replace(self, pivots=tuple(o.about for o in self.opens), **fields)
 
     def weighted(self, weights: Sequence[Array] | None) -> Problem:
-        """Return the problem with a weight for each row (N,) of its data sets; None: all alike."""
+        """Return the problem with weights for the rows (N,) of its data sets; None: all equal."""
         given = [None] * len(self.datasets) if weights is None else [
             None if np.all(w == 1.0) else w for w in weights]
         out = replace(self, datasets=tuple(
             d if w is d.weight else replace(d, weight=w)
             for d, w in zip(self.datasets, given, strict=True)))
-        if "environments" in self.__dict__:   # the same, whatever rows weigh
+        if "environments" in self.__dict__:   # independent of row weights
             out.__dict__["environments"] = self.environments
         return out
 
@@ -126,7 +126,7 @@ class Problem:
         return [np.ones(len(d)) if d.weight is None else d.weight for d in self.datasets]
 
     def values(self, index: int, rows: Ints, each: Ints) -> float:
-        """Return how many values some rows (n,) are, each with so many, by weight."""
+        """Return the weighted number of values in some rows (n,), ``each`` (n,) values per row."""
         weight = self.datasets[index].weight
         return int(each.sum()) if weight is None else float(weight[rows] @ each)
 
@@ -141,7 +141,7 @@ class Problem:
 
     @property
     def opens(self) -> tuple[NuisanceColumns, ...]:
-        """Column layout of each data set's open quantities."""
+        """Column layout of each data set's nuisance parameters."""
         return self._layout[0]
 
     @property
@@ -151,12 +151,12 @@ class Problem:
 
     @cached_property
     def environments(self) -> tuple[Environment, ...]:
-        """What effects depend on, by data set."""
+        """The variables that effects depend on, by data set."""
         return self.given or tuple(environment_of(self.mechanism, d) for d in self.datasets)
 
     @cached_property
     def sigma_joints(self) -> tuple[Array, ...]:
-        """Noise of the joints by data set (k,), unit of q; sides that are not known are noise."""
+        """Noise of the joints by data set (k,), unit of q; unknown directions count as noise."""
         own = tuple(joint_noise(self.mechanism, d) for d in self.datasets)
         if not any("dir" in e.kind.needs for e in self.mechanism.effects):
             return own
@@ -165,19 +165,19 @@ class Problem:
 
     @cached_property
     def sigma_gaps(self) -> tuple[Array, ...]:
-        """Noise of what the closure equations may gap by data set (m,), 0 where limbs close."""
+        """Standard uncertainty of closure gaps by data set (m,), 0 where limbs close exactly."""
         return tuple(gap_noise(self.mechanism, d) for d in self.datasets)
 
     @cached_property
     def noisy_closure(self) -> tuple[bool, ...]:
-        """Whether joints or gaps have noise, which geometry carries to what is measured."""
+        """Whether joints or gaps have noise, which the geometry carries to the measurement."""
         return tuple(bool(np.any(joints > 0.0) or np.any(gaps > 0.0))
                      for joints, gaps in zip(self.sigma_joints, self.sigma_gaps, strict=True))
 
     def open_scale(self) -> Array:
-        """Return one natural unit per open column (C - F,): 1e-3 of the reach, 1e-3 rad.
+        """Return one natural unit per nuisance column (C - F,): 1e-3 of the reach, 1e-3 rad.
 
-        Homing is counted in 1e-3 of the largest range of a joint, a scale in 1e-3.
+        The unit of homing is 1e-3 of the largest joint range, that of a scale 1e-3.
         """
         joint = self._joint_range
 
@@ -193,7 +193,7 @@ class Problem:
 
     @cached_property
     def _joint_range(self) -> float:
-        """The largest range of a joint, unit of q; 1 where none moves."""
+        """The largest joint range, unit of q; 1 where no joint moves."""
         ends = [d.q[finite_rows(d.q)] for d in self.datasets if finite_rows(d.q).any()]
         return max((float(np.ptp(q, axis=0).max()) for q in ends), default=1.0) or 1.0
 
@@ -201,7 +201,7 @@ class Problem:
         """Return the starting state: present values, poses from home, aligned frames.
 
         Raises:
-            BadInput: a data set without a row that fits the machine, or too few for its frame.
+            BadInput: no row of a data set fits the machine, or too few rows for its frame.
         """
         model = Model(self.mechanism)
         poses = tuple(self.reached(i, model) for i in range(len(self.datasets)))
@@ -218,14 +218,14 @@ class Problem:
         return State(self.mechanism.values, tuple(registrations), poses)
 
     def reached(self, index: int, model: Model, homing: Array | float = 0.0) -> Array:
-        """Return a data set's poses (N, 8), of distances between two (N, 16), from home."""
+        """Return a data set's poses reached from home (N, 8); both poses of distances (N, 16)."""
         data = self.datasets[index]
         ends = [q + homing for q in (data.q, data.to_q) if q is not None]
         return np.concatenate([
             self.home.of(model, q, partial(self._led, index, model, q)) for q in ends], axis=1)
 
     def _led(self, index: int, model: Model, q: Array) -> Array:
-        """Return the poses (N, 8) of a data set's rows at joint values (N, k), from home."""
+        """Return the poses (N, 8) of a data set at joint values (N, k), reached from home."""
         return np.concatenate([reached_poses(model, q[rows], environment).closed
                                for rows, environment in self.chunks(index)])
 
@@ -234,9 +234,9 @@ class Problem:
         return next(i for i, d in enumerate(self.datasets) if d.name == data.frame.same_as)
 
     def solve(self, state: State, wary: bool = True, minima: Minima | None = None) -> State:
-        """Return the state with its poses solved anew at its parameters.
+        """Return the state with its poses solved again at its parameters.
 
-        ``wary``, ``minima``: as of :func:`ppmcal.kinematics.equilibrium.settle`.
+        ``wary``, ``minima``: see :func:`ppmcal.kinematics.equilibrium.settle`.
         """
         model = Model(self.mechanism, state.g)
         poses = tuple(np.concatenate([
@@ -246,9 +246,9 @@ class Problem:
         return replace(state, poses=poses)
 
     def chunks(self, index: int) -> Iterator[tuple[slice, Environment]]:
-        """Yield a data set's rows in chunks, with the environment of each: little is held at once.
+        """Yield a data set's rows in chunks with their environments, to bound memory.
 
-        At least one, though it may be empty.
+        Yields at least one chunk, which may be empty.
         """
         size = len(self.datasets[index])
         chunk = CHUNK if self.mechanism.effects else LONG_CHUNK
@@ -257,7 +257,7 @@ class Problem:
             yield rows, self._at(index, rows)
 
     def _at(self, index: int, rows: Ints | slice) -> Environment:
-        """Return what effects depend on in some rows; where there are none nothing is found out."""
+        """Return the environment of some rows; a cheap unknown one for machines without effects."""
         if self.mechanism.effects:
             return self.environments[index].take(rows)
         count = rows.stop - rows.start if isinstance(rows, slice) else len(rows)
@@ -265,9 +265,9 @@ class Problem:
 
     def ends(self, index: int, state: State, rows: Ints | slice = slice(None)
              ) -> list[tuple[Array, Array]]:
-        """Return joint values (n, k) and poses (n, 8) of some rows, one or two of each.
+        """Return joint values (n, k) and poses (n, 8) of some rows.
 
-        Distances between two platform positions have two.
+        One pair; two for distances between two platform positions.
         """
         data, pose = self.datasets[index], state.poses[index]
         homing = state.registrations[index].homing
@@ -277,7 +277,7 @@ class Problem:
         return ends
 
     def sighting(self, index: int, state: State) -> Sighting:
-        """Return a data set as its instrument sees the machine."""
+        """Return a data set as its instrument observes the machine."""
         return Sighting(self.mechanism, self.datasets[index], state.registrations[index],
                         self.opens[index], self.sigma_joints[index], self.sigma_gaps[index])
 
@@ -286,7 +286,7 @@ class Problem:
         return self.datasets[index].q + state.registrations[index].homing
 
     def moved(self, state: State, step: Array, wary: bool = True) -> State:
-        """Return the state moved by a step (C,), poses solved anew; ``wary``: as of the solver."""
+        """Return the state moved by a step (C,), poses solved again; ``wary``: see the solver."""
         g = state.g.copy()
         for p, s in zip(self.free, step[:len(self.free)].tolist(), strict=True):
             g[p] = self.mechanism.parameters[p].stepped(float(g[p]), s)
@@ -297,15 +297,15 @@ class Problem:
         return self.solve(there, wary) if self.free or homed else there
 
     def kept(self, state: State, minima: Minima) -> State:
-        """Return a state that was moved to and is kept, rows that stand out looked at again.
+        """Return an accepted state, with rows that stand out solved again for surplus limbs.
 
-        Of surplus limbs, and not at every step that is tried: that takes long.
+        This takes long, so it is not done for every trial step.
         """
         return self.solve(state, minima=minima) if self.mechanism.surplus else state
 
     def rows(self, state: State, jacobian: bool = True,
              keep: Sequence[NDArray[np.bool_]] | None = None) -> Iterator[Rows]:
-        """Yield whitened rows of all data sets, chunk by chunk; all of them are white together.
+        """Yield whitened rows of all data sets, chunk by chunk, white across data sets too.
 
         Rows whose pose is unknown (nan), and those not in ``keep``, are left out.
         """
@@ -314,11 +314,11 @@ class Problem:
             yield from self.rows_of(i, state, jacobian, None if keep is None else keep[i], given)
 
     def shared_stands(self, state: State, keep: Sequence[Bools] | None) -> list[Bools] | None:
-        """Return the rows used where targets share stands, and their noise; None where none do."""
+        """Return the rows used if targets share stands, whose joint noise is common; else None."""
         return self.used(state, keep) if any(self.companions) else None
 
     def used(self, state: State, keep: Sequence[Bools] | None) -> list[Bools]:
-        """Return which rows (N,) of each data set have a pose and are in ``keep``, if given."""
+        """Return which rows (N,) of each data set have a pose and are in ``keep`` (if given)."""
         there = [finite_rows(pose) for pose in state.poses]
         return there if keep is None else [t & k for t, k in zip(there, keep, strict=True)]
 
@@ -326,8 +326,8 @@ class Problem:
                 given: Sequence[Bools] | None = None) -> Iterator[Rows]:
         """Yield whitened rows of one data set, chunk by chunk; see :meth:`rows`.
 
-        ``given``: rows (N,) of all data sets; those of earlier targets at the same stands, whose
-        joints have the same noise, are known already. None: the rows are white by themselves.
+        ``given``: rows (N,) of all data sets; whitening is conditional on those of earlier targets
+        at the same stands, which share the joint noise. None: each row is whitened by itself.
         """
         usable = finite_rows(state.poses[i])
         if keep is not None:
@@ -345,7 +345,7 @@ class Problem:
                 for i, own in enumerate(companions(self.datasets))]
 
     def earlier_rows(self, state: State, size: int) -> Array:
-        """Return what earlier measurements say as white rows (k, size), the residual last."""
+        """Return prior information as white rows (k, size), the residual last."""
         if self.earlier is None:
             return np.zeros((0, size))
         residual, jacobian = self.earlier.rows(self.mechanism, self.free, state.g)
@@ -354,9 +354,9 @@ class Problem:
         return out
 
     def measured(self, index: int, rows: Ints) -> tuple[Array, Array, Ints]:
-        """Return what a data set measured in some rows: x ... rz (n, 6), 1/sigma (n, m), how many.
+        """Return measurements of some rows: x ... rz (n, 6), 1/sigma (n, m), number of values (n,).
 
-        The first is 0 where nothing was measured, and so is the second; the third (n,) counts.
+        The first two are 0 where nothing was measured.
         """
         data = self.datasets[index]
         if len(data) > PIECE:
@@ -369,7 +369,7 @@ class Problem:
         return seen[rows], white[rows], number[rows]
 
     def counts(self, index: int, rows: Ints) -> Ints:
-        """Return how many values rows (n,) of a data set tell: measured, and surplus of closure."""
+        """Return the number of values in rows (n,) of a data set: measured, and surplus closure."""
         ends = 1 if self.datasets[index].to_q is None else 2
         return np.asarray(self.measured(index, rows)[2] + ends * self.mechanism.surplus)
 
@@ -396,7 +396,7 @@ class Problem:
         rows = self._at(i, index)
 
         def surroundings() -> Environment:
-            # whoever asks how rows respond may ask about effects that the machine has not
+            # a response may be asked for about effects that the machine does not have
             return rows if self.mechanism.effects else self.environments[i].take(index)
 
         ends = self.ends(i, state, index)

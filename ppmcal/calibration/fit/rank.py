@@ -1,8 +1,8 @@
-"""Which columns the data tell apart: scaled, deterministic rank analysis.
+"""Which columns the data can determine: scaled, deterministic rank analysis.
 
 All decisions are made on the small triangular factor R of the whitened Jacobian, with
 columns scaled by the parameters' tolerances: one unit is one tolerance. Open frames and
-targets are projected out first, so they cost rank only where they imitate geometry.
+targets are projected out first, so they cost rank only where they are confounded with geometry.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from ppmcal.linalg import Array, range_basis, svd, unit_columns, without_range
 RANK_TOLERANCE = 1e-9
 """A column counts as dependent below this part of the largest column."""
 ROUND_OFF = 1e-13
-"""What open frames and targets leave of a column, below this part of the largest, is round-off."""
+"""Columns whose part outside of open frames and targets is below this are round-off."""
 TIE = 1e-6
 """Pivots closer than this (relative) are a tie: the first by name wins."""
 TAKES_PART = 1e-6
-"""A column takes part in a combination with more than this part of its strongest column."""
+"""A column takes part in a combination if above this part of its strongest column."""
 COORDINATE = re.compile(
     r"(\.point|\.center)\.(?:[xyz]|radius|angle)$|(\.direction|\.axis)\.r[xyz]$")
-"""What a point or a direction has by coordinates depends on the frame that it is written in."""
+"""Coordinates of a point or a direction, which depend on the frame that they are written in."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def analyse(triangle: Array, geometry: int, scale: Array, tolerance: float = RAN
         geometry: number of parameter columns F; the rest are open frames and targets.
         scale: one tolerance of each parameter (F,), SI.
         tolerance: columns below this part of the largest are dependent.
-        names: of the columns (F,): they, not the order of the limbs in a file, decide ties.
+        names: of the columns (F,), so that ties do not depend on the order of limbs in a file.
     """
     block = triangle[:, :geometry] * scale
     least = ROUND_OFF * float(np.linalg.norm(block, axis=0).max(initial=0.0))
@@ -79,9 +79,9 @@ def whole_rank(triangle: Array, geometry: int, scale: Array, tolerance: float = 
                names: Sequence[str] = ()) -> tuple[Rank, list[int], list[int]]:
     """Return the geometry's rank, and of all columns those kept and those that others explain.
 
-    What `check` foretells and `identify` tells of redundancy: open frames and targets add no rank
-    where the geometry can imitate them, and are judged among themselves. Arguments as those of
-    :func:`analyse`, but ``scale`` (C,) and ``names`` of all columns.
+    This is the redundancy that `check` predicts and `identify` reports: open frames and targets add
+    no rank where geometry is confounded with them, and are judged among themselves. Arguments as of
+    :func:`analyse`, but ``scale`` (C,) and ``names`` for all columns.
     """
     rank = analyse(triangle, geometry, scale[:geometry], tolerance, names[:geometry])
     kept, dropped = list(rank.kept), list(rank.dropped)
@@ -96,7 +96,7 @@ def whole_rank(triangle: Array, geometry: int, scale: Array, tolerance: float = 
 
 def pivoted(block: Array, tolerance: float, names: Sequence[str] = (), least: float = 0.0
             ) -> tuple[list[int], list[int], Array]:
-    """Pivoted QR by Householder steps, ties broken by :func:`by_name`, without names by order.
+    """Pivoted QR by Householder steps, ties broken by :func:`by_name`, or by order without names.
 
     Columns below ``tolerance`` of the largest, or below ``least``, are dependent.
 
@@ -129,13 +129,13 @@ def pivoted(block: Array, tolerance: float, names: Sequence[str] = (), least: fl
 
 
 def by_name(names: Sequence[str]) -> list[int]:
-    """Return the place of each name where limbs are sorted (leg2 before leg10), their slots not.
+    """Return the rank of each name with limbs sorted (leg2 before leg10), their slots unsorted.
 
     >>> by_name(["leg10.offset", "leg2.offset", "leg2.length"])
     [2, 0, 1]
     """
     def limb(i: int) -> list[tuple[bool, int, str]]:
-        # a word is not a number, and comes after
+        # words come after numbers
         return [(not part.isdigit(), int(part) if part.isdigit() else 0, part)
                 for part in re.split(r"(\d+)", names[i].partition(".")[0])]
 
@@ -147,13 +147,13 @@ def by_name(names: Sequence[str]) -> list[int]:
 
 @dataclass(frozen=True)
 class Unidentifiable:
-    """Parameters that the data see only together.
+    """Parameters that the data determine only in combination.
 
     Attributes:
-        combinations: how many combinations of them change nothing that was measured.
+        combinations: number of their combinations that change nothing measured.
         slots: paths without coordinates, such as ``leg1.base.point``, sorted by name.
-        parameters: all columns of theirs that take part, sorted by name.
-        limbs: of the machine's ``of_limbs``, whose they are, once it is said.
+        parameters: all of their columns that take part, sorted by name.
+        limbs: those of the machine's ``of_limbs`` that they belong to, once they are set.
         unseen: whether nothing in these slots has any effect.
     """
 
@@ -175,12 +175,12 @@ def slot_of(name: str) -> str:
 
 
 def unidentifiable(rank: Rank, names: Sequence[str]) -> tuple[Unidentifiable, ...]:
-    """Return what the data cannot tell apart, as whole sets: the same from every side.
+    """Return the combinations that the data cannot resolve, as sets independent of the basis.
 
-    Columns belong together that appear in one dependence. These sets, unlike the column that a
-    pivoted QR happens to drop, depend neither on the order of limbs and columns nor on units:
-    they are the connected components of the null space, whichever basis it is found in. Points
-    and directions count as wholes, so that they do not depend on the base frame's axes either.
+    Columns belong together if they appear in one dependence. Unlike the column that a pivoted
+    QR happens to drop, these sets depend neither on the order of limbs and columns nor on units:
+    they are the connected components of the null space, in any basis. Points and directions
+    count as wholes, so that they do not depend on the base frame's axes either.
 
     Args:
         rank: of the geometry's columns.
@@ -197,7 +197,7 @@ def unidentifiable(rank: Rank, names: Sequence[str]) -> tuple[Unidentifiable, ..
     length = np.linalg.norm(rank.factor, axis=0)
     largest = float(length.max(initial=0.0))
     for d, share in zip(rank.dropped, (np.abs(rank.combination) * length[:, None]).T, strict=True):
-        # a column without effect is round-off of all the others, and part of nothing
+        # a column without effect is round-off of all the others and belongs to none
         strongest = max(float(share.max(initial=0.0)), 10.0 * RANK_TOLERANCE * largest / TAKES_PART)
         part = np.flatnonzero(share > TAKES_PART * strongest)
         for k in part.tolist():

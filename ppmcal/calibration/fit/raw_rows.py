@@ -1,7 +1,7 @@
-"""Rows before they are white: residuals with their columns, and what their noise is made of.
+"""Rows before whitening: residuals with their columns, and the parts of their noise.
 
-The noise of a row is that of the instrument, coordinate by coordinate or, of a tracker, one
-covariance of the position; and that of the joints, carried to what is measured by the geometry.
+The noise of a row is that of the instrument, coordinate by coordinate or, for a tracker, one
+covariance of the position; and that of the joints, carried to the measurements by the geometry.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ from ppmcal.model.dataset import Environment
 
 @dataclass(frozen=True, eq=False)
 class RawRows:
-    """Rows before they are white; of those that are not there nothing is observed.
+    """Rows before whitening; in rows that are not present nothing is observed.
 
     Attributes:
         seen: with the residuals (n, m).
         jacobian: of the prediction (n, m, C).
         sigma: standard deviations of the instrument (n, m).
-        position: covariance of the first p <= m of what ``sigma`` is of (n, p, p), None where it is
+        position: covariance of the first p <= m coordinates of ``sigma`` (n, p, p), None if it is
             diagonal.
-        carried: what one standard deviation of each joint, and of each equation that gaps, does to
-            a row (n, m, k); None where they have no noise.
-        weight: of each row (n,), None: all alike.
+        carried: change of a row by one standard deviation of each joint, and of each equation with
+            a gap (n, m, k); None if they have no noise.
+        weight: of each row (n,), None: all equal.
         responses: of the row's ends.
-        surplus: how many of the m values, the last, are what no pose explains of the closure.
+        surplus: number of closure residuals that no pose explains, the last of the m values.
     """
 
     seen: ResidualJacobian
@@ -56,18 +56,18 @@ class RawRows:
 
     @property
     def each_by_itself(self) -> bool:
-        """Whether the noise of each value has nothing to do with that of another."""
+        """Whether the noise of the values is uncorrelated."""
         return self.carried is None and self.position is None
 
     @property
     def moved(self) -> Array:
-        """What the noise of joints and gaps does to what was observed (n, m, k); k may be 0."""
+        """Change of the observed values by the noise of joints and gaps (n, m, k); k may be 0."""
         if self.carried is None:
             return np.zeros((*self.sigma.shape, 0))
         return np.where(self.seen.observed[..., None], self.carried, 0.0)
 
     def covariance(self) -> Array:
-        """Return the noise's covariance (n, m, m); what was not observed has 1 by itself."""
+        """Return the covariance of the noise (n, m, m); unobserved values have variance 1."""
         safe = np.where(self.seen.observed, self.sigma, 1.0)
         out = np.eye(safe.shape[1]) * (safe**2)[..., None]
         if self.carried is not None:
@@ -81,17 +81,17 @@ class RawRows:
         return np.asarray(out)
 
     def whitener(self) -> Array:
-        """Return W (n, m, m), the inverse of the covariance's lower root: W r is white."""
+        """Return W (n, m, m), the inverse of the covariance's lower root, which whitens r."""
         if self.each_by_itself:
             return np.eye(self.sigma.shape[1]) / np.where(
                 self.seen.observed, self.sigma, 1.0)[..., None]
         return inverse_root(self.covariance())
 
     def whitener_given(self, others: Sequence[RawRows]) -> Array:
-        """Return W (n, m, M): what makes rows white, given others that were read at these joints.
+        """Return W (n, m, M), which whitens the rows given others read at the same joint values.
 
         The last m rows of the inverse root of the covariance of all M values, the others' first
-        (Golub and Van Loan, 4.2.9). A row of less weight is believed as much less.
+        (Golub and Van Loan, 4.2.9). A row of lower weight has a larger covariance.
         """
         rows = (*others, self)
         moved = np.concatenate([r.moved for r in rows], axis=1)
@@ -106,11 +106,11 @@ class RawRows:
         return inverse_root(whole)[:, -self.sigma.shape[1]:]
 
     def only(self, there: Bools) -> RawRows:
-        """Return them with nothing observed in rows that are not ``there`` (n,)."""
+        """Return the rows with nothing observed except in rows ``there`` (n,)."""
         return self._observed(self.seen.observed & there[:, None])
 
     def without_surplus(self, there: Bools) -> RawRows:
-        """Return them without what rows ``there`` (n,) tell of the closure alone."""
+        """Return the rows without the surplus closure of rows ``there`` (n,)."""
         m = self.sigma.shape[1]
         last = np.arange(m) >= m - self.surplus
         return self._observed(self.seen.observed & ~(last & there[:, None]))
@@ -129,16 +129,16 @@ def inverse_root(covariance: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class RowMaker:
-    """What makes some rows (n,) of a data set.
+    """Makes some rows (n,) of a data set.
 
     Attributes:
-        sighting: the data set, as its instrument sees the machine.
-        models: the machine with the effects that act in these rows, at each of a row's ends.
-        ends: joint values (n, k) and poses (n, 8) of each.
-        surroundings: what effects depend on, whatever the machine has.
-        free: parameters that the columns are of; ``columns``: how many these and the data sets'
-            own are, None where no Jacobian is asked for.
-        at_rest: closed rows that are known, where none are free and there are no effects.
+        sighting: the data set, as its instrument observes the machine.
+        models: the machine with the effects that act in these rows, one for each end.
+        ends: joint values (n, k) and poses (n, 8) of each end.
+        surroundings: the environment, whatever effects the machine has.
+        free: parameters with columns; ``columns``: number of these and the data sets' own, None
+            for no Jacobian.
+        at_rest: known closed rows, if no parameters are free and there are no effects.
     """
 
     sighting: Sighting
@@ -174,18 +174,18 @@ class RowMaker:
             part.data.weight, responses, len(ends) * surplus)
 
     def _closed(self, model: Model, q: Array, pose: Array) -> ClosedRows:
-        """Return the closure at poses (n, 8), with the columns that are asked for."""
+        """Return the closure at poses (n, 8), with the columns needed."""
         if self.at_rest is not None:
             return self.at_rest.of(model, q, pose)
         return ClosedRows(model.closure(q, () if self.columns is None else self.free), pose)
 
     def _look(self, part: Sighting, closed: Sequence[Array]) -> ResidualJacobian:
-        """Return what the instrument sees of some rows at poses (n, 8) that close."""
+        """Return what the instrument observes in some rows at poses (n, 8) that close."""
         data, shift = part.data, self.models[0].shift
         shift = None if shift is None else shift.of(data.name)
         platforms = [platform_pose(pose, model.shift)
                      for pose, model in zip(closed, self.models, strict=True)]
-        # a joint is in a limb, before what moves the platform beyond it
+        # a joint is in a limb, before whatever moves the platform after it
         at_joint = data.kind.placed is not None
         seen = view(data, part.registration,
                     closed if at_joint else [displaced(p, shift) for p in platforms],
@@ -199,7 +199,7 @@ class RowMaker:
             by if d is None else by @ d for by, d in zip(seen.by_poses, moved, strict=True)))
 
     def _likely(self, part: Sighting, index: Ints, sigma: Array) -> list[tuple[Array, Array]]:
-        """Return joints and poses where rows of contradicting limbs most likely stood."""
+        """Return joint values and most likely poses of rows of contradicting limbs."""
         (q, pose), = self.ends
         closure = self.models[0].closure(q)
         found = self.sighting.likely_poses(index, pose, closure)
@@ -207,7 +207,7 @@ class RowMaker:
                                 part.sigma_joint, part.sigma_gap) if found is None else found)]
 
     def _carried(self, responses: Sequence[Response]) -> Array:
-        """Return what one sigma of joints and gaps does to rows (n, m, k)."""
+        """Return the change of rows by one sigma of joints and gaps (n, m, k)."""
         joints, gaps = self.sighting.sigma_joint, self.sighting.sigma_gap
         by_noise = [by for r in responses for by in (
             [r.by_joint, r.by_equation] if gaps.any() else [r.by_joint])]
@@ -216,7 +216,7 @@ class RowMaker:
                           * np.concatenate(sigma * len(responses)))
 
     def _jacobian(self, seen: ResidualJacobian, responses: Sequence[Response]) -> Array:
-        """Return the columns (n, m, C) of geometry, effects and the data set's own unknowns."""
+        """Return the columns (n, m, C) of geometry, effects and nuisance parameters."""
         full = np.zeros((*seen.residual.shape, self.columns or 0))
         if self.columns is None:
             return full

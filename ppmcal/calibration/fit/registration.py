@@ -1,7 +1,7 @@
 """Closed-form start for an unknown frame and target: measured = frame o pose o target.
 
 Rotations first (they do not depend on any origin), then frame origin and target point as
-one linear problem. Position-only data start from the rigid alignment of the platform
+one linear problem. For position-only data the start is the rigid alignment of the platform
 origins, which a small target offset only perturbs.
 """
 
@@ -37,7 +37,7 @@ def start_scalar(data: Dataset, pose: Array, registration: Registration, motion:
     Args:
         data: heights, or distances.
         pose: platform motors at the rows' joint values (N, 8 or 16).
-        registration: with what is known, zeros elsewhere.
+        registration: with known values, zeros elsewhere.
         motion: the machine's motion.
 
     Raises:
@@ -55,28 +55,28 @@ def start_scalar(data: Dataset, pose: Array, registration: Registration, motion:
 
 
 def unscaled(data: Dataset) -> Dataset:
-    """Return measurements with the file's known scale, or the one to start from, taken out."""
+    """Return measurements divided by the file's scale, known or initial."""
     scale = float(data.scale.value[0])
     return data if scale == 1.0 else replace(data, position=data.position / scale,
                                              value=data.value / scale)
 
 
 SUSPECT, BLUNDER = 5.0, 10.0
-"""A row that misses by so many medians makes the start a robust one; one that then misses by so
-many does not decide where a fit starts."""
+"""A row off by this many medians makes the start a robust one; one then off by so many medians is
+ignored by the start."""
 SUBSET, TRIALS, CONCENTRATED, DECIDING, ENOUGH = 6, 60, 5, 2000, 20_000
 """Rows per trial alignment, number of trials, rounds in which the nearer half decides, rows that
-judge a trial (Rousseeuw and Van Driessen 1999, least trimmed squares), and rows that are aligned at
-most: it is where a fit starts."""
+judge a trial (least trimmed squares, Rousseeuw and Van Driessen 1999), and maximum number of rows
+aligned, since a fit only starts here."""
 
 
 def start_registration(data: Dataset, pose: Array, mechanism: Mechanism) -> Registration:
-    """Return frame and target to start from; of an encoder at a joint its offset.
+    """Return initial frame and target; for an encoder at a joint its offset.
 
     Args:
         data: the measurements; known parts of frame and target are kept.
         pose: platform motors at the rows' joint values (N, 8), nan rows are ignored.
-        mechanism: the machine; an unknown target may be as far away as it reaches.
+        mechanism: the machine; an unknown target may be as far away as the machine reaches.
 
     Raises:
         BadInput: fewer rows than an unknown frame or target needs.
@@ -125,7 +125,7 @@ def start_registration(data: Dataset, pose: Array, mechanism: Mechanism) -> Regi
 
 def _with_offset(data: Dataset, pose: Array, registration: Registration, mechanism: Mechanism
                  ) -> Registration:
-    """Return the registration with the offset at which a joint's readings miss least, in median."""
+    """Return the registration with the offset that minimises a joint's errors in the median."""
     registration = replace(registration, offset=float(data.offset.value[0]))
     rows = np.flatnonzero(finite_rows(pose) & np.isfinite(data.value))
     if not data.offset.fitted:
@@ -142,7 +142,7 @@ def _with_offset(data: Dataset, pose: Array, registration: Registration, mechani
 
 def _levelled(data: Dataset, pose: Array, registration: Registration, mechanism: Mechanism
               ) -> Registration:
-    """Return the base's tilt and a sensor's mounting with which its angles agree best."""
+    """Return the registration with the base tilt and sensor mounting that best fit the angles."""
     angles = np.concatenate([data.position, data.rotation], axis=1)[
         :, list(data.kind.coordinates(mechanism.motion))]
     rows = np.flatnonzero(finite_rows(angles) & finite_rows(pose))
@@ -161,7 +161,7 @@ def _levelled(data: Dataset, pose: Array, registration: Registration, mechanism:
 
 
 def _few(rows: int, what: str, data: Dataset) -> BadInput:
-    return BadInput(f"only {rows} usable rows: an unknown {what} needs at least 3", data.source,
+    return BadInput(f"only {rows} usable rows, but an unknown {what} needs at least 3", data.source,
                     "Measure more poses")
 
 
@@ -178,7 +178,7 @@ def _aligned(data: Dataset, pose: Array, position: Array, rows: NDArray[np.int64
 
 def _misses(data: Dataset, pose: Array, position: Array, rows: NDArray[np.int64],
             registration: Registration, motion: Motion) -> Array:
-    """Return by how much rows miss a registration (R,), m; rotations count over the extent."""
+    """Return the errors of rows under a registration (R,), m; rotations times the extent."""
     point, turn = predict(registration, pose[rows])
     away = np.linalg.norm(position[rows] - point, axis=1)
     extent = float(np.median(np.linalg.norm(
@@ -189,7 +189,7 @@ def _misses(data: Dataset, pose: Array, position: Array, rows: NDArray[np.int64]
 
 
 def no_pose(mechanism: Mechanism, data: Dataset) -> BadInput:
-    """Return the refusal of a data set without a row that fits the machine.
+    """Return the refusal of a data set without any row that fits the machine.
 
     Raises:
         NoResult: home is singular, so that no way leads from it.
@@ -207,7 +207,7 @@ def no_pose(mechanism: Mechanism, data: Dataset) -> BadInput:
     name = mechanism.actuators[worst]
     return BadInput(
         f"none of the {len(data)} rows has a pose at its joint values: q_{name} is about "
-        f"{seen[worst] / factor:.4g}{unit}, and {at_home[worst] / factor:.4g}{unit} at home",
+        f"{seen[worst] / factor:.4g}{unit}, but {at_home[worst] / factor:.4g}{unit} at home",
         f"{data.source}: column q_{name}", "Check units in its sidecar, that no columns are "
         "swapped, and the home pose and offsets of the mechanism file")
 
@@ -245,12 +245,12 @@ def _rotations(data: Dataset, rows: NDArray[np.int64], rotation: Array, origin: 
 
 def _origins(data: Dataset, turn: Array, rotation: Array, origin: Array, position: Array,
              registration: Registration, planar: bool, size: float) -> tuple[Array, Array]:
-    """Return frame origin and target (3,) each: linear least squares, the target held.
+    """Return frame origin and target (3,) each: linear least squares with a prior on the target.
 
-    A platform that hardly turns hardly tells its target from the frame's origin, and what its
-    nominal geometry misses would put both metres away. So the target is held near what the file
-    says, as loosely as by ``size``, m, against what the rows miss by, which is the machine's
-    and not noise: many rows are worth no more than a few.
+    A platform that hardly turns hardly separates its target from the frame's origin, and errors of
+    its nominal geometry would put both metres away. So the target is held near the file's value,
+    with the weight of a miss of ``size``, m, against the residuals, which are errors of the
+    machine and not noise: many rows are worth no more than a few.
     """
     shift, target = cga.translation(registration.frame), registration.target
     seen = turn @ rotation
@@ -282,9 +282,9 @@ def _origins(data: Dataset, turn: Array, rotation: Array, origin: Array, positio
 # --- the frame's rotation, in closed form ---------------------------------------------------------
 
 SEARCHED, REFINED, STEPS = 300, 5, 25
-"""Frame rotations tried, those refined, and at most so many steps."""
+"""Number of frame rotations tried, number refined, and maximum number of steps."""
 NEGLIGIBLE = 1e-6
-"""Singular values below this part of the largest count as none."""
+"""Singular values below this part of the largest count as zero."""
 
 
 def frame_turn(data: Dataset, rotation: Array, origin: Array, position: Array,
@@ -292,15 +292,15 @@ def frame_turn(data: Dataset, rotation: Array, origin: Array, position: Array,
     """Return the frame's rotation (3, 3) from positions alone.
 
     With a known target: the rigid alignment of the points (Kabsch). With an unknown one the
-    points are not known, and a machine that hardly moves sideways has no use for its
-    platform's origins; then the rotation is searched, frame origin and target being linear.
+    points are not known, and for a machine that hardly moves sideways its platform's origins
+    are useless; then the rotation is searched, with frame origin and target linear.
 
     Args:
         data: says whether the target is known.
         rotation: of the platform in the base frame (n, 3, 3).
         origin: of the platform in the base frame (n, 3), m.
         position: as measured (n, 3), m.
-        registration: holds the target where it is known.
+        registration: holds the target if it is known.
         planar: turn about z only.
     """
     points = origin if data.target.fitted else origin + rotation @ registration.target
@@ -317,7 +317,7 @@ def frame_turn(data: Dataset, rotation: Array, origin: Array, position: Array,
 
 
 def _all_turns(planar: bool) -> Array:
-    """Return rotations (t, 3, 3) spread over all: seeded quaternions; angles in the plane."""
+    """Return rotations (t, 3, 3) spread over all, from seeded quaternions; planar: angles."""
     if planar:
         angles = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
         return cga.rotation_matrix(cga.rotor(np.array([0.0, 0.0, 1.0]), angles))
@@ -327,10 +327,10 @@ def _all_turns(planar: bool) -> Array:
 
 
 def _miss_form(rotation: Array, origin: Array, position: Array) -> Array:
-    """Return F (k, 10): a rotation T of the frame misses by ``|F [vec T, 1]|``, at its best.
+    """Return F (k, 10): ``|F [vec T, 1]|`` is the least residual for a frame rotation T.
 
-    Turned back into the base, position i is ``T' y_i = s + o_i + R_i t``: what the frame's
-    origin s and the target t do does not depend on T, and is taken off once for all rotations.
+    Rotated back into the base, position i is ``T' y_i = s + o_i + R_i t``: the columns of the
+    frame's origin s and the target t do not depend on T, and are projected out once for all T.
     """
     n = origin.shape[0]
     y, o = position - position.mean(axis=0), origin - origin.mean(axis=0)
@@ -348,7 +348,7 @@ def _residual(form: Array, turns: Array) -> Array:
 
 
 def _miss(form: Array, turns: Array) -> Array:
-    """Return the squared misses (t,) of rotations (t, 3, 3)."""
+    """Return the squared residuals (t,) of rotations (t, 3, 3)."""
     return np.asarray(np.sum(_residual(form, turns) ** 2, axis=1))
 
 

@@ -1,8 +1,8 @@
-"""What a registration may fit beyond what the files say, and whether data ask for it.
+"""Registration freedoms beyond those that the files open, and whether the data need them.
 
-An instrument that was moved, a body that was defined anew, a machine that was homed anew between
-files: what the sidecars keep closed is opened, the likeliest first, as long as something surely has
-to be open and the error falls by enough to matter.
+An instrument that was moved, a body that was redefined, a machine that was homed again between
+files: what the sidecars keep closed is opened, the most probable first, as long as something surely
+has to be open and the error falls by enough to matter.
 """
 
 from __future__ import annotations
@@ -37,27 +37,27 @@ REMEDIES = {"frame": "frame: unknown", "target": "target: unknown",
             "rotation": "target_rotation: unknown", "homing": "homing: per-file",
             "sessions": "frame: unknown"}
 WORTH = 0.05
-"""More than a file leaves open is fitted where the error falls by this part."""
+"""Freedoms beyond those in the files are fitted if the error falls by this part."""
 SESSIONS = "sessions"
 FEWEST = 4
-"""Rows of the shortest session that may have a frame of its own."""
+"""Fewest rows of a session that may have a frame of its own."""
 ITERATIONS = 15
 MOST_HINTS = 3
 MANY_OUT = 0.02
-"""Where more rows than this part of a file were left out they count again: the fit may have thrown
-out just those that were registered otherwise."""
+"""If more than this part of a file's rows was left out, they count again: the fit may have rejected
+exactly those with another registration."""
 
 
 @dataclass(frozen=True, eq=False)
 class RegistrationHint:
-    """Something kept closed that the data ask to be open.
+    """Something closed that the data need open.
 
     ``dataset``: its index; ``what``: of :data:`REGISTERED`, or ``sessions``; ``before``,
-    ``after``: rms of the data set's white residuals; ``position``: of its positions before
-    and after, m; ``square``, ``count``, ``fitted``: sum of white squares of all rows, how many
-    values they have and how many of these the fit takes, with it open; ``keep``: the rows behind
-    these; ``opened``: the problem that has it open; ``instead``: data sets and what
-    of them may have to be open in its place, with it 95 % of the probability.
+    ``after``: rms of the data set's white residuals; ``position``: rms of its positions before
+    and after, m; ``square``, ``count``, ``fitted``: sum of white squares of all rows, number of
+    values, and number of these that the fit absorbs, with it open; ``keep``: the rows behind
+    these; ``opened``: the problem with it open; ``instead``: the alternatives (data set and part)
+    that with it make up 95 % of the probability.
     """
 
     dataset: int
@@ -79,13 +79,13 @@ class RegistrationHint:
 
 
 def is_open(data: Dataset, what: str) -> bool:
-    """Whether a registration of a data set fits ``what`` of :data:`REGISTERED` already."""
+    """Whether a data set's registration already fits ``what`` of :data:`REGISTERED`."""
     return data.homing != "shared" if what == "homing" else bool(
         getattr(data, FIELDS[what]).fitted)
 
 
 def opened(data: Dataset, what: Sequence[str], only: bool = False) -> Dataset:
-    """Return a data set whose registration fits ``what``, and with ``only`` nothing else."""
+    """Return a data set whose registration fits ``what``, with ``only`` nothing else."""
     new = {}
     for word, name in FIELDS.items():
         unknown = getattr(data, name)
@@ -99,26 +99,26 @@ def opened(data: Dataset, what: Sequence[str], only: bool = False) -> Dataset:
 
 
 def significant_improvement(before: float, after: float) -> float:
-    """Return by which part an error falls from one sum of squares to another, 0 if too little."""
+    """Return the part by which the error falls between two sums of squares, 0 if too little."""
     part = 1.0 - float(np.sqrt(max(after, 0.0) / before)) if before > 0.0 else 0.0
     return part if part > WORTH else 0.0
 
 
 def surely(log_odds: float | Array) -> bool:
-    """Whether something is there: one thing, or one of several, by their odds against nothing."""
+    """Whether an effect, or one of several, is present, by the odds against none."""
     return bool(linalg.logsumexp(log_odds) > np.log(SURE_ODDS))
 
 
 def odds_of_opening(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
                     feasible: Sequence[tuple[int, str]]) -> Array:
-    """Return the log odds (P,) of each thing that may be open against nothing, prior included.
+    """Return the log odds (P,) of opening each candidate against opening nothing, with prior.
 
     Args:
-        problem: with all that is open anyway.
+        problem: with everything that is open anyway.
         state: of its fit.
-        keep: rows that count.
+        keep: rows in use.
         prior: weight of each of its columns (C,).
-        feasible: data set and what of it, of :data:`REGISTERED` or ``sessions``.
+        feasible: candidates: data set and part, of :data:`REGISTERED` or ``sessions``.
     """
     words = [["frame" if w == SESSIONS else w for j, w in feasible if j == i]
              for i in range(len(problem.datasets))]
@@ -143,11 +143,11 @@ def odds_of_opening(problem: Problem, state: State, keep: Sequence[Bools], prior
 
 @stage("trying other registrations")
 def registration_hints(fit: Fit) -> tuple[RegistrationHint, ...]:
-    """Return what files keep closed and the data ask to be open, best first.
+    """Return what files keep closed and the data need open, best first.
 
-    A score test with the geometry free decides what is worth a fit; that fit, what is reported.
-    Each
-    is judged with those before it open: of two files that disagree one is enough.
+    A score test with the geometry free decides what is worth a fit; that fit decides what is
+    reported. Each hint is judged with the previous ones open: of two files that disagree, one
+    is enough.
     """
     keep, problem = _with_outliers(fit), fit.problem
     same = all((k == own).all() for k, own in zip(keep, fit.keep, strict=True))
@@ -166,7 +166,7 @@ def registration_hints(fit: Fit) -> tuple[RegistrationHint, ...]:
 
 def _hint(fit: Fit, problem: Problem, state: State, keep: Sequence[Bools]
           ) -> tuple[RegistrationHint, State] | None:
-    """Return what most likely has to be open, and the state then; None where nothing surely has."""
+    """Return the candidate most likely open and the state with it; None if none surely is."""
     prior, feasible = _padded(problem, fit), _possible(problem, keep)
     odds = odds_of_opening(problem, state, keep, prior, feasible)
     if not feasible or not surely(odds):
@@ -200,21 +200,21 @@ def _with_outliers(fit: Fit) -> list[Bools]:
 
 
 def _padded(problem: Problem, fit: Fit) -> Array:
-    """Return the fit's prior of the columns (C,) of a problem with more open."""
+    """Return the fit's prior for the columns (C,) of a problem with more open."""
     prior, count = prior_weights(problem, "prior"), len(problem.free)
     prior[:count] = fit.prior[:count]
     return prior
 
 
 def _possible(problem: Problem, keep: Sequence[Bools]) -> list[tuple[int, str]]:
-    """Return what may have to be open: data set, and what of it."""
+    """Return the candidates for opening: data set and part."""
     out = list[tuple[int, str]]()
     for i, data in enumerate(problem.datasets):
         if data.kind.scalar or not data.kind.of_poses:
             continue
         shared = data.frame.same_as is not None
         turns = data.kind.sees_rotation and problem.mechanism.motion.turns
-        # the first file's zeros are those that others differ from
+        # the first file's zeros are the reference for the others
         able = {"frame": True, "target": True, "rotation": turns, "homing": i > 0}
         out += [(i, w) for w in REGISTERED if able[w] and (
             not is_open(data, w) or (w == "frame" and shared))]
@@ -234,14 +234,14 @@ def _opened(problem: Problem, state: State, keep: Sequence[Bools], i: int, what:
 
 
 def _sessions_of(data: Dataset) -> list[Bools]:
-    """Return the rows (N,) of each session of a file that says them."""
+    """Return the rows (N,) of each session of a file that names sessions."""
     return [np.array([s == label for s in data.sessions or ()])
             for label in dict.fromkeys(data.sessions or ())]
 
 
 def _by_session(problem: Problem, state: State, keep: Sequence[Bools], i: int
                 ) -> tuple[Problem, State, list[Bools]]:
-    """Return the problem with a frame of its own for each session of a file."""
+    """Return the problem with a separate frame for each session of a file."""
     data = problem.datasets[i]
     labels, masks = list(dict.fromkeys(data.sessions or ())), _sessions_of(data)
     parts = tuple(replace(opened(data.take(m), ["frame"]),
@@ -263,7 +263,7 @@ def _by_session(problem: Problem, state: State, keep: Sequence[Bools], i: int
 
 def _refitted(problem: Problem, state: State, keep: Sequence[Bools], prior: Array
               ) -> State | None:
-    """Return where a fit of these rows ends; None where it gets lost."""
+    """Return where a fit of these rows ends; None if it fails."""
     there = problem.solve(state)
     if any((k & ~finite_rows(p)).any() for k, p in zip(keep, there.poses, strict=True)):
         return None
@@ -271,7 +271,7 @@ def _refitted(problem: Problem, state: State, keep: Sequence[Bools], prior: Arra
 
 
 def _squares(problem: Problem, state: State, keep: Sequence[Bools]) -> Array:
-    """Return by data set (D, 4): white squares, of how many values; positions', m^2, and rows."""
+    """Return by data set (D, 4): white squares, number of values; position squares, m^2, rows."""
     out = np.zeros((len(problem.datasets), 4))
     for c in problem.rows(state, False, keep):
         data = problem.datasets[c.dataset]
@@ -282,7 +282,7 @@ def _squares(problem: Problem, state: State, keep: Sequence[Bools]) -> Array:
 
 
 CAUSES = {"frame": "the instrument was moved", "target": "the target was moved",
-          "rotation": "the measured body was defined anew", "homing": "the machine was homed anew",
+          "rotation": "the measured body was redefined", "homing": "the machine was homed again",
           SESSIONS: "the instrument was moved between sessions"}
 
 
@@ -297,7 +297,7 @@ def _words(fit: Fit, dataset: int, what: str) -> str:
 
 
 def hint_sentences(fit: Fit, hints: Sequence[RegistrationHint]) -> list[Note]:
-    """Return what to say of each hint, with figures and remedy."""
+    """Return a note for each hint, with figures and remedy."""
     units, out = fit.problem.mechanism.units, []
     for h in hints:
         data = fit.problem.datasets[h.dataset]
@@ -306,7 +306,7 @@ def hint_sentences(fit: Fit, hints: Sequence[RegistrationHint]) -> list[Note]:
         fall = f"{h.before:.3g} to {h.after:.3g} times the noise"
         # joint values alone, and tilts, have no positions
         whole = (f"its error from {was:.3g} to {now:.3g} {units.length} rms ({fall})" if was > 0.0
-                 else f"what is left of it from {fall}")
-        out.append(Note(f"{data.name}: `{hint_words(fit, h)}` takes {whole}: {CAUSES[h.what]}, "
-                        f"perhaps{also}", topic="registration"))
+                 else f"its residuals from {fall}")
+        out.append(Note(f"{data.name}: `{hint_words(fit, h)}` reduces {whole}: perhaps "
+                        f"{CAUSES[h.what]}{also}", topic="registration"))
     return out

@@ -1,4 +1,4 @@
-"""Two other ways to regularise: one prior scale by cross-validation, and [PPM]'s damping."""
+"""Two other regularisations: one prior scale by cross-validation, and [PPM]'s damping."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ from ppmcal.wording import pluralize
 from ppmcal.wording.progress import note
 
 DAMPED_ITERATIONS, SOON = 6000, 60
-"""Iterations of the damped scheme at most, and how many more are worth their time once the
-residuals are no more than the noise."""
+"""Maximum number of iterations of the damped scheme, and how many more are worthwhile once the
+residuals are down to the noise."""
 MOST_LOST = 0.5
-"""A step after which more than this part of the rows has no pose leads nowhere."""
+"""A step that leaves more than this part of the rows without a pose has diverged."""
 
 
 def gcv_scale(fit: Fit, base: Array) -> float:
@@ -72,16 +72,16 @@ def damped(problem: Problem, state: State, keep: Sequence[Bools],
            reasons: Sequence[dict[int, str]], options: FitOptions) -> Fit:
     """The scheme of [PPM] section 4.5: step = (J^T J + lambda I)^-1 J^T r, in m and rad.
 
-    A damping, centred anew in each iteration, not a prior: where it ends depends on the
-    units and on when it stops. It is called converged when the undamped step that is left
-    would move the predictions by less than a tenth of the noise, all rows together.
+    This is damping, recentred in each iteration, and not a prior: the result depends on the
+    units and on when it stops. It has converged when the remaining undamped step would move
+    the predictions by less than a tenth of the noise, all rows together.
 
-    It ends sooner after ``options.iterations``, or where the residuals are no more than the
-    noise and convergence is far off (Morozov's discrepancy principle): going on would fit
-    noise. :attr:`Fit.stopped` says so. Rows that lose their pose on the way are left out.
+    It ends sooner after ``options.iterations``, or if the residuals are down to the noise and
+    convergence is far off (Morozov's discrepancy principle): continuing would fit noise.
+    :attr:`Fit.stopped` says so. Rows that lose their pose on the way are left out.
 
     Raises:
-        NoResult: most of them do.
+        NoResult: most of the rows lose their pose.
     """
     unit = replace(problem, datasets=tuple(unit_noise(d) for d in problem.datasets))
     count = len(problem.free)
@@ -110,7 +110,7 @@ def damped(problem: Problem, state: State, keep: Sequence[Bools],
         if not options.iterations and iteration >= 20 and _hopeless(away, before, limit):
             break
     if options.iterations and not (converged or stopped):
-        stopped = f"after {pluralize(iteration, 'iteration')}, as asked"
+        stopped = f"after {pluralize(iteration, 'iteration')}, as requested"
     lost = [k & ~finite_rows(p) for k, p in zip(keep, state.poses, strict=True)]
     return Fit(problem, state, information, none, column_scale(problem),
                tuple(k & ~gone for k, gone in zip(keep, lost, strict=True)),
@@ -124,15 +124,15 @@ def _refuse_astray(problem: Problem, state: State, keep: Sequence[Bools], iterat
     rows = sum(int(k.sum()) for k in keep)
     lost = sum(int((~finite_rows(p[k])).sum()) for k, p in zip(keep, state.poses, strict=True))
     if lost > MOST_LOST * rows:
-        raise NoResult(f"the damped scheme went astray: after {pluralize(iteration, 'iteration')} "
+        raise NoResult(f"the damped scheme diverged: after {pluralize(iteration, 'iteration')} "
                        f"{lost} of {rows} rows have no pose",
                        ", ".join(d.source for d in problem.datasets),
-                       "Look for values typed wrong, which this scheme does not leave out, or use "
+                       "Look for mistyped values, which this scheme does not reject, or use "
                        "the prior (--method prior)")
 
 
 def _hopeless(away: float, before: float, iterations: int) -> bool:
-    """Whether the scheme contracts too slowly to arrive in so many more iterations."""
+    """Whether the scheme contracts too slowly to converge within so many more iterations."""
     if away >= before:
         return True
     return bool(np.log(away / 0.01) / np.log(before / away) > iterations)

@@ -1,11 +1,11 @@
-"""Rows that are judged by the rows beside them: readings that were taken again at one place.
+"""Rows judged by their repeats: readings that were taken again at one place.
 
-Of joint values alone noise has two levels: a place adds something of its own, what limbs pull
-against each other there and what the model misses, and each reading its scatter. Against both
-together a reading is off by little that is far beyond its repeats. With r_i what the closure misses
-in row i of a place, white by the scatter of repeats,
+For joint values alone noise has two levels: each place has its own error, from limbs that pull
+against each other there and from errors of the model, and each reading has its scatter. Against
+both together a reading far off its repeats may be hardly off at all. With r_i the closure
+residual of row i of a place, white by the scatter of repeats,
 
-    r_i = o + e_i,    o ~ N(0, 1 / rho),    e_i ~ N(0, 1), or by gross errors of any size
+    r_i = o + e_i,    o ~ N(0, 1 / rho),    e_i ~ N(0, 1), or a gross error of any size
 
 so that given the others, of weights w, it is N(sum w_j r_j / W, 1 + 1 / W), with W = rho + sum w_j.
 """
@@ -27,27 +27,27 @@ from ppmcal.model.repeats import repeats
 from ppmcal.model.same_rows import step_of
 
 ENOUGH_REPEATS = 30
-"""Degrees of freedom of repeats from which they, not the stated sigma, are the noise."""
+"""Degrees of freedom of repeats from which they, not the stated sigma, define the noise."""
 SWEEPS = 30
-"""Rows are weighed, and their noise found, in turns so often."""
+"""Maximum number of alternations between row weights and noise."""
 STARTS = 24
-"""Readings of one place that are tried as what the place says, evenly spread; beyond it hardly one
-tells more than its neighbours."""
+"""Readings of one place tried as its true value, evenly spread; more of them would hardly differ
+from their neighbours."""
 BELONGS = 0.5
-"""Where all readings of a place likelier belong than not, they say one thing."""
+"""A place is consistent if each of its readings is likelier to belong than not."""
 NO_PLACES = 1e-9
-"""Variance of places over that of readings where rows scatter no more than repeats."""
+"""Variance of places over that of readings if rows scatter no more than repeats."""
 ALIKE = 1e-3
-"""Weights of readings that agree within this are one answer."""
+"""Weights of readings that agree within this are the same solution."""
 
 
 @dataclass(frozen=True, eq=False)
 class RepeatedRows:
-    """What repeats say of a data set's rows: their ``weight`` (N,), 1 of those without any.
+    """The judgement of a data set's rows by repeats: ``weight`` (N,), 1 for rows without any.
 
-    ``times`` (N,): how many times the scatter of repeats each is off what the others of its place
-    say, nan without any; ``place`` (N,): a label per place. ``unsure`` (N,): one of the readings
-    of its place does not belong, this or another.
+    ``times`` (N,): deviation of each from the others of its place in units of the scatter of
+    repeats, nan without any; ``place`` (N,): a label per place. ``unsure`` (N,): one of the
+    readings of its place does not belong, this one or another.
     """
 
     weight: Array
@@ -57,12 +57,12 @@ class RepeatedRows:
 
 
 def repeats_scatter(fit: Fit, n: int, places: Ints) -> tuple[float, float] | None:
-    """Return how readings of a data set scatter at one place, over their noise, and the freedom.
+    """Return the scatter of readings at one place over their noise, and its degrees of freedom.
 
-    A reading that does not belong makes no other one noisy. None where there are too few.
+    A reading that does not belong does not make others noisy. None if there are too few.
 
     Args:
-        fit: with the rows that it uses, and those that it has left out as outliers.
+        fit: with the rows that it uses, and those that it left out as outliers.
         n: number of the data set.
         places: a label per place (N,).
     """
@@ -87,19 +87,19 @@ def repeats_scatter(fit: Fit, n: int, places: Ints) -> tuple[float, float] | Non
 
 
 def _white(fit: Fit, n: int, rows: Bools) -> tuple[Ints, Array]:
-    """Return which of some rows (N,) have a pose, and what they miss (n, m), white, unweighted."""
+    """Return which of some rows (N,) have a pose, and their white residuals (n, m), unweighted."""
     parts = list(fit.problem.weighted(None).rows_of(n, fit.state, False, rows))
     return (np.concatenate([p.index for p in parts]) if parts else np.zeros(0, dtype=np.int64),
             np.concatenate([p.residual for p in parts]) if parts else np.zeros((0, 1)))
 
 
 def by_repeats(fit: Fit, rows: Sequence[Bools], factor: Array) -> list[RepeatedRows]:
-    """Return what repeats say of each data set's rows.
+    """Return the judgement of each data set's rows by repeats.
 
     Args:
-        fit: at the weights that rows have so far.
+        fit: with the current row weights.
         rows: which are judged (N,), by data set.
-        factor: the noise of all rows, places and readings together, over the stated one (D,).
+        factor: noise of places and readings together, over the stated noise (D,).
     """
     return [_of_data(fit, n, own, float(f)) for n, (own, f) in
             enumerate(zip(rows, factor, strict=True))]
@@ -125,9 +125,9 @@ def _of_data(fit: Fit, n: int, rows: Bools, factor: float) -> RepeatedRows:
 
 
 def _digits(data: Dataset, sigma: Array) -> float:
-    """Return the noise that the steps make of joint values (k,), over their own noise; 0 for none.
+    """Return the noise due to the resolution of joint values (k,), over their noise; 0 for none.
 
-    Readings that agree in every digit do not scatter, and still are no better than their last one.
+    Readings that agree in every digit do not scatter, but are no better than their last digit.
     """
     steps = np.array([step_of(column) for column in data.q.T])
     return float(np.max(np.where(np.isfinite(steps), steps, 0.0) / np.sqrt(12.0)
@@ -136,10 +136,10 @@ def _digits(data: Dataset, sigma: Array) -> float:
 
 @dataclass(frozen=True)
 class _Known:
-    """What is known of readings.
+    """What is known about readings.
 
-    ``freedom``: of their scatter; ``belong``: how many do; ``values``: of each; ``rho``: their
-    variance over that of places.
+    ``freedom``: degrees of freedom of their scatter; ``belong``: number that belong; ``values``
+    in each; ``rho``: variance of readings over that of places.
     """
 
     freedom: float
@@ -148,12 +148,12 @@ class _Known:
     rho: float
 
     def weights(self, white: Array, places: Ints) -> tuple[Array, Array, Bools]:
-        """Return the weights of readings (n, m) and how far they are off (n,), 1 and nan alone.
+        """Return weights of readings (n, m) and their deviations (n,); 1 and nan for single ones.
 
-        With them which are unsure (n,).
+        Also which are unsure (n,).
 
         Args:
-            white: by their scatter.
+            white: readings in units of their scatter.
             places: a label per place (n,).
         """
         _, place, count = np.unique(places, return_inverse=True, return_counts=True)
@@ -165,16 +165,16 @@ class _Known:
         square[again] = self._far(white[again], total[place[again]] - white[again],
                                   np.asarray(self.rho + count[place[again]] - 1.0, dtype=float))
         weight[again] = self._belongs(square[again])
-        # most places say one thing
+        # most places are consistent
         for doubtful in np.unique(place[weight < BELONGS]).tolist():
             own = np.flatnonzero(place == doubtful)
             weight[own], square[own], unsure[own] = self._of_modes(white[own])
         return weight, np.sqrt(square / self.values), unsure
 
     def _of_modes(self, white: Array) -> tuple[Array, Array, Bools]:
-        """Return the same where readings contradict each other: any may be what the place says.
+        """Return the same for readings that contradict each other: any may be the true value.
 
-        What each would make of the others is as probable as it makes all of them.
+        Each mode is as probable as all readings are under it.
         """
         starts = np.unique(np.linspace(0, len(white) - 1, min(STARTS, len(white))).astype(int))
         modes = list[tuple[Array, Array]]()
@@ -194,12 +194,12 @@ class _Known:
         return weight, best, unsure
 
     def _by_others(self, white: Array, weight: Array) -> Array:
-        """Return squared distances (n,) from what the others of the place say, by their weights."""
+        """Return squared distances (n,) from the weighted mean of the other readings."""
         return self._far(white, weight @ white - weight[:, None] * white,
                          self.rho + weight.sum() - weight)
 
     def _far(self, white: Array, others: Array, weight: Array) -> Array:
-        """Return the same from sums of others (n, m), of ``weight`` (n,) with what places have."""
+        """Return the same from sums of others (n, m) and their ``weight`` (n,) with the place's."""
         middle = others / weight[:, None]
         return np.asarray(np.sum((white - middle) ** 2, axis=1) / (1.0 + 1.0 / weight))
 
@@ -208,9 +208,9 @@ class _Known:
                            self.belong)
 
     def _log_probability(self, white: Array, weight: Array) -> float:
-        """Return how probable all readings are about what they say by these weights, to a constant.
+        """Return the log probability of all readings given these weights, up to a constant.
 
-        Laplace's approximation to the integral over what the place adds.
+        Laplace's approximation to the integral over the place's error.
         """
         others = self.rho + weight.sum()
         middle = weight @ white / others

@@ -1,4 +1,4 @@
-"""How the predictions of rows move along shifts of any kind."""
+"""Response of predicted rows to shifts of any kind."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from ppmcal.model.dataset import Environment
 from ppmcal.model.effects import Setting, Shift
 
 KEPT, MOST = 16384, 32
-"""So many rows, and sets of rows, are kept in :class:`RowsAtRest`."""
+"""Maximum numbers of rows, and of sets of rows, kept in :class:`RowsAtRest`."""
 
 
 @dataclass(frozen=True, eq=False)
 class ClosedRows:
-    """A closure of n rows at poses (n, 8), and what follows from these alone, made once."""
+    """The closure of n rows at poses (n, 8), and quantities that depend on these alone, cached."""
 
     closure: Closure
     pose: Array
@@ -38,16 +38,16 @@ class ClosedRows:
 
     @cached_property
     def pose_matrix(self) -> Array:
-        """How the closure equations move with the pose (n, e, d)."""
+        """Derivative of the closure equations by the pose (n, e, d)."""
         return self.closure.pose_matrix(self.pose, self.lines)
 
     @cached_property
     def joint_matrix(self) -> Array:
-        """How the closure equations move with joint values (n, e, k)."""
+        """Derivative of the closure equations by joint values (n, e, k)."""
         return self.closure.joint_matrix(self.pose, self.lines)
 
     def same(self, model: Model, q: Array, pose: Array) -> bool:
-        """Whether it is that of a model at joint values (n, k) and poses (n, 8)."""
+        """Whether this is the closure of a model at joint values (n, k) and poses (n, 8)."""
         own = self.closure
         return (own.model.mechanism is model.mechanism and np.array_equal(self.pose, pose)
                 and np.array_equal(own.q, q)
@@ -56,10 +56,9 @@ class ClosedRows:
 
 @dataclass(eq=False)
 class RowsAtRest:
-    """Closed rows, the latest last, for fits in which nothing but frames and targets moves.
+    """Closed rows, the latest last, for fits in which only frames and targets move.
 
-    Registrations make the same rows hundreds of times, and what geometry says of them is most of
-    the work.
+    Registrations compute the same rows hundreds of times, and their geometry is most of the work.
     """
 
     known: list[ClosedRows] = field(default_factory=list)
@@ -77,11 +76,11 @@ class RowsAtRest:
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """How the predictions of n rows move along shifts of any kind.
+    """Response of the predictions of n rows to shifts of any kind.
 
-    The poses of ``closed`` are number ``end`` of those seen. ``surplus``: of a machine with
-    more equations than freedoms the basis N (n, e, s), and in which of the m values N' c stands.
-    ``target``: name of the data set, of which shifts of single targets are its own.
+    The poses of ``closed`` are number ``end`` of those seen. ``surplus``: for machines with
+    more equations than freedoms, the basis N (n, e, s), and the place of N' c among the m values.
+    ``target``: name of the data set, which picks its own shift of a single target.
     """
 
     closed: ClosedRows
@@ -93,7 +92,7 @@ class Response:
 
     @cached_property
     def rows(self) -> Environment:
-        """What effects depend on."""
+        """The environment of the rows."""
         return self.surroundings()
 
     @property
@@ -113,18 +112,18 @@ class Response:
 
     @cached_property
     def by_pose(self) -> Array:
-        """How predictions move with the closed pose's displacement and rotation (n, m, 6)."""
+        """Derivative of predictions by displacement and rotation of the closed pose (n, m, 6)."""
         by_pose, shift = self.seen.by_poses[self.end], self.closure.model.shift
         if shift is None or shift.pose is None or self.seen.inside is not None:
             return by_pose
-        # a turn of the closed pose comes out turned by the effects' own rotation
+        # a rotation of the closed pose appears rotated by the effects' own rotation
         turn = cga.motor_from_rotation_vector(shift.pose[:, 3:], np.zeros(3))
         return np.concatenate([by_pose[..., :3], by_pose[..., 3:] @ cga.rotation_matrix(turn)],
                               axis=-1)
 
     @cached_property
     def by_equation(self) -> Array:
-        """How predictions move with the closure equations (n, m, e): -by_pose A^-1."""
+        """Derivative of predictions by the closure equations (n, m, e): -by_pose A^-1."""
         matrix = self.closed.pose_matrix
         by_pose = self.by_pose[..., self.closure.model.mechanism.dof]
         out = -np.swapaxes(held_by(self.closure, self.pose, matrix, np.swapaxes(by_pose, -1, -2),
@@ -136,7 +135,7 @@ class Response:
 
     @cached_property
     def by_joint(self) -> Array:
-        """How predictions move with joint values (n, m, k)."""
+        """Derivative of predictions by joint values (n, m, k)."""
         out = np.asarray(self.by_equation @ self.closed.joint_matrix)
         if self.seen.inside is not None:
             out[:, 0] += self.seen.inside.by_joint
@@ -165,7 +164,7 @@ class Response:
             out[..., homing] += self.by_joint
 
     def _limb_columns(self, out: Array, place: dict[int, int]) -> None:
-        """Add how an encoder's reading moves with its limb while the platform stands still."""
+        """Add the derivative of an encoder's reading by its limb, with the platform at rest."""
         inside = self.seen.inside
         if inside is None:
             return
@@ -188,12 +187,12 @@ class Response:
         return self._by_slot[limb, slot]
 
     def column(self, shift: Shift) -> Array:
-        """Return how predictions (n, m) move along a shift."""
+        """Return the derivative of predictions (n, m) along a shift."""
         out = np.zeros(self.seen.residual.shape)
         for (limb, slot), change in shift.slots.items():
             out += self.by_slot(limb, slot) * np.broadcast_to(change, (len(out),))[:, None]
         if self.seen.inside is not None:
-            return out    # what moves the platform beyond its limbs leaves their joints alone
+            return out    # a shift of the platform after its limbs does not move their joints
         if shift.pose is not None:
             out += (self.seen.by_poses[self.end] @ shift.pose[..., None])[..., 0]
         now = self.closure.model.shift
@@ -207,11 +206,11 @@ class Response:
 
     @cached_property
     def platform(self) -> Array:
-        """Where the platform is (n, 8), effects that move it included."""
+        """Platform pose (n, 8), including effects that move it."""
         return platform_pose(self.pose, self.closure.model.shift)
 
     def setting(self, stood: Ints | None = None) -> Setting:
-        """Return what effects may know of these rows; ``stood``: as of an :class:`Environment`."""
+        """Return the setting of these rows for effects; ``stood``: see :class:`Environment`."""
         rows = self.rows if stood is None else replace(self.rows, stood=stood)
         model = self.closure.model
         return setting(replace(model, shift=None), rows, self.closure.q, self.pose, model)
@@ -219,8 +218,8 @@ class Response:
     def effect_columns(self, out: Array, free: Sequence[int]) -> None:
         """Fill the columns of free effect parameters (n, m, C), in place.
 
-        The change of an actuator's load with the pose is left out: it is smaller by deflection
-        over reach, and only the step, not the minimum, depends on it.
+        The change of an actuator's load with the pose is neglected: its size is deflection
+        over reach, and it affects only the step, not the minimum.
         """
         model = self.closure.model
         if not model.mechanism.effects:
@@ -234,15 +233,15 @@ class Response:
 
 def with_surplus(seen: ResidualJacobian, closures: Sequence[Closure], poses: Sequence[Array]
                  ) -> tuple[ResidualJacobian, list[tuple[Array, slice] | None]]:
-    """Return what is seen with what no pose explains of the closure behind it, 0 by theory.
+    """Return residuals with the closure that no pose explains appended, which is 0 in theory.
 
     Args:
         seen: of n rows.
         closures: the closure at each of the poses seen.
-        poses: platform motors (n, 8) of each, close to those that the joints say.
+        poses: platform motors (n, 8) of each, close to those by joints alone.
 
     Returns:
-        Residuals (n, m + s) in all, m; and of each pose the basis N (n, e, s) with its place.
+        Residuals (n, m + s) in all, m; and for each pose the basis N (n, e, s) with its place.
     """
     bases: list[tuple[Array, slice] | None] = []
     gaps, residual = [], seen.residual
@@ -252,7 +251,7 @@ def with_surplus(seen: ResidualJacobian, closures: Sequence[Closure], poses: Seq
         a = closure.pose_matrix(pose, lines)
         own = surplus(closure.model.mechanism, a)
         gaps.append((np.swapaxes(own, -1, -2) @ c[..., None])[..., 0])
-        # the poses need not be those by joints alone: what is seen from there
+        # the poses need not be those by joints alone: refer the residuals to those
         by_joints = closed_by(closure, pose, a, c[..., None], lines)
         residual = residual + (by_pose[..., closure.model.mechanism.dof] @ by_joints)[..., 0]
         bases.append((own, slice(first, first + own.shape[-1])))

@@ -1,4 +1,4 @@
-"""How far rows are from a fit, and what they weigh for it."""
+"""Distances of rows from a fit, and the weights that follow from them."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from ppmcal.inference.row_weights import row_weights
 from ppmcal.linalg import Array, Bools, finite_rows, reciprocals
 
 HUBER = 1.5
-"""On the way rows farther than so many standard deviations (root mean square) count less."""
+"""During the search rows farther than this many standard deviations (rms) get less weight."""
 ALONE = 1e-3
-"""A row keeps less than this part of its own error where it alone fixes something."""
+"""A row that keeps less than this part of its own error determines something alone."""
 
 
 @dataclass(frozen=True)
 class Distances:
-    """How far rows are from the fit, by data set.
+    """Distances of rows from the fit, by data set.
 
-    ``square``: squared white distance (N,), nan where there is no pose; ``size``: number of
-    coordinates behind it (N,); ``estimated``: whose noise its file wants estimated.
+    ``square``: squared white distance (N,), nan without a pose; ``size``: number of
+    coordinates behind it (N,); ``estimated``: whether the file asks for its noise to be estimated.
     """
 
     square: tuple[Array, ...]
@@ -37,31 +37,31 @@ class Distances:
     def factor(self, keep: Sequence[Bools]) -> Array:
         """Return the robust scale of the residuals over the stated noise (D,), at least 1.
 
-        That of all rows; of a data set whose noise nobody stated its own where that is less: what
-        others show does not excuse it there. One without a row in use shows nothing.
+        That of all rows; for a data set whose noise is not stated its own if smaller, because
+        other data sets do not justify it there. A data set without rows in use has none of its own.
         """
         own = [(alone and _times([d], [m], [k])) or np.inf for d, m, k, alone in
                zip(self.square, self.size, keep, self.estimated, strict=True)]
         return np.maximum(1.0, np.minimum(own, self.times(keep)))
 
     def times(self, keep: Sequence[Bools]) -> float:
-        """Return the median distance of the rows in use over that of noise, 0 without rows."""
+        """Return the median distance of the rows in use relative to noise, 0 without rows."""
         return _times(self.square, self.size, keep)
 
     def over_noise(self, factor: Array) -> list[Array]:
-        """Return how many times the noise, ``factor`` (D,) times what is stated, rows are off.
+        """Return the distance of rows in units of noise, ``factor`` (D,) times the stated one.
 
-        Rms of a row's values (N,), by data set.
+        Rms over a row's values (N,), by data set.
         """
         return [np.sqrt(d / np.maximum(m, 1.0)) / f
                 for d, m, f in zip(self.square, self.size, factor, strict=True)]
 
     def weights(self, keep: Sequence[Bools], factor: Array) -> list[Array]:
-        """Return the weight of each row (N,) by data set, 1 where its distance is not known.
+        """Return the weight of each row (N,) by data set, 1 if its distance is unknown.
 
         Args:
             keep: rows that belong so far (N,).
-            factor: noise over the stated one (D,).
+            factor: noise over the stated noise (D,).
         """
         known = [np.isfinite(d) & (m > 0) for d, m in zip(self.square, self.size, strict=True)]
         size = np.concatenate([m[k] for m, k in zip(self.size, known, strict=True)])
@@ -75,9 +75,9 @@ class Distances:
         return out
 
     def held_back(self, keep: Sequence[Bools], factor: Array) -> list[Array]:
-        """Return the weight (N,) by which no row is farther off than those that may belong.
+        """Return the weight (N,) that brings each row no farther off than rows that may belong.
 
-        Arguments as of :meth:`weights`. Up to there it is 1: rows have a say in what is left.
+        Arguments as for :meth:`weights`. Closer rows have weight 1 and keep their residuals.
         """
         freedom, belong = self._known(keep)
         far = np.geomspace(1.0, 1e3, 400)
@@ -89,7 +89,7 @@ class Distances:
                 for d, own, f in zip(self.square, self.size, factor, strict=True)]
 
     def _known(self, keep: Sequence[Bools]) -> tuple[float, int]:
-        """Return degrees of freedom of the noise's size, and how many rows belong."""
+        """Return degrees of freedom of the noise estimate, and the number of rows that belong."""
         return float(NOISE_FREEDOM) + sum(float(m[k].sum()) for m, k in zip(
             self.size, keep, strict=True)), sum(int(k.sum()) for k in keep)
 
@@ -103,11 +103,11 @@ def _times(square: Sequence[Array], size: Sequence[Array], keep: Sequence[Bools]
 
 def distances(problem: Problem, state: State, covariance: Array | None = None,
               keep: Sequence[Bools] | None = None) -> Distances:
-    """Return every row's distance; with ``covariance`` (C, C) freed of its own leverage.
+    """Return every row's distance; with ``covariance`` (C, C) corrected for its own leverage.
 
-    A used row pulled the fit towards itself: its residual has covariance I - J C J^T. A row
-    that was left out is predicted: I + J C J^T. Of one that counts in part see :func:`_freed`.
-    Distances are those of whole rows, whatever they weigh.
+    A row in use pulled the fit towards itself: its residual has covariance I - J C J^T. A row
+    that was left out is predicted: I + J C J^T. For partial weights see :func:`_freed`.
+    Distances are those of whole rows, whatever their weights.
     """
     square = [np.full(len(d), np.nan) for d in problem.datasets]
     size = [np.zeros(len(d)) for d in problem.datasets]
@@ -128,15 +128,15 @@ def distances(problem: Problem, state: State, covariance: Array | None = None,
 
 
 def _freed(rows: Array, covariance: Array, used: Array) -> Array:
-    """Return squared distances (n,) of white rows (n, m, C + 1), residual last, less leverage.
+    """Return squared distances (n,) of white rows (n, m, C + 1), residual last, without leverage.
 
-    With H = J C J^T a row of weight w misses what the others say by (I - w H)^-1 r, of covariance
-    I + H (I - w H)^-1: its distance is r^T (I - w H)^-1 (I + (1 - w) H)^-1 r.
+    With H = J C J^T a row of weight w differs from the prediction of the others by (I - w H)^-1 r,
+    of covariance I + H (I - w H)^-1: its distance is r^T (I - w H)^-1 (I + (1 - w) H)^-1 r.
 
     Args:
         rows: Jacobian and residual.
         covariance: of the columns (C, C).
-        used: weights that the fit used rows with, 0 where it did not (n,).
+        used: weights of rows in the fit, 0 if not used (n,).
     """
     jacobian, r = rows[..., :-1], rows[..., -1]
     spread = (jacobian.reshape(-1, len(covariance)) @ covariance).reshape(jacobian.shape)
@@ -145,29 +145,29 @@ def _freed(rows: Array, covariance: Array, used: Array) -> Array:
     of_residual = (one - used * hat) @ (one + (1.0 - used) * hat)
     singular = ~np.isfinite(of_residual).all(axis=(1, 2))
     of_residual[singular] = one
-    # a row that alone fixes a parameter has no residual to judge; none does whose leverage is small
+    # a row that alone fixes a parameter has no residual to judge; its leverage is never small
     heavy = np.flatnonzero((used[:, 0, 0] > 0.0) & ~singular
                            & (np.trace(hat, axis1=1, axis2=2) > 1.0 - ALONE))
     weak = heavy[linalg.eigvalsh(of_residual[heavy])[:, 0] < ALONE]
     of_residual[weak] = one
     squares = np.sum(r * linalg.solve(of_residual, r[..., None])[..., 0], axis=1)
-    # round-off of a covariance that spans too many digits: the residual as it is
+    # round-off of an ill-conditioned covariance: take the residual as it is
     squares = np.where(squares < 0.0, np.sum(r * r, axis=1), squares)
     squares[singular] = np.inf
     return np.asarray(squares)
 
 
 def beyond_weight(found: Distances, keep: Sequence[Bools]) -> list[Bools]:
-    """Return which of the rows ``keep`` (N,) hardly have a weight, by data set."""
+    """Return which of the rows ``keep`` (N,) have hardly any weight, by data set."""
     return [k & (w < float(NO_WEIGHT)) for k, w in
             zip(keep, found.weights(keep, found.factor(keep)), strict=True)]
 
 
 def huber_weights(problem: Problem, state: State, keep: Sequence[Bools]) -> list[Array]:
-    """Return the factor on each row's residual on the way to a minimum, by data set (N,).
+    """Return the factor on each row's residual during the search, by data set (N,).
 
     Huber's: with the weights of rows that may not belong, which fall with the square of their
-    distance, a search that begins far off may end anywhere.
+    distance, a search that starts far off may end anywhere.
     """
     found = distances(problem, state)
     away = found.over_noise(found.factor(keep))
@@ -175,10 +175,10 @@ def huber_weights(problem: Problem, state: State, keep: Sequence[Bools]) -> list
 
 
 def explained_distances(problem: Problem, state: State) -> Distances:
-    """Return every row's distance from the machine, freed of what the tolerances explain."""
+    """Return every row's distance from the machine, less what the tolerances explain."""
     problem = toleranced(problem)
     weight = prior_weights(problem, "prior")
-    # frames and targets are where they are; how far a scale may be off its file says
+    # frames and targets stay; files state how far their scales may be off
     scale = reciprocals(weight)
     scale[:len(problem.free)] = parameter_scale(problem)
     nobody = [np.zeros(len(d), dtype=bool) for d in problem.datasets]
@@ -186,10 +186,10 @@ def explained_distances(problem: Problem, state: State) -> Distances:
 
 
 def toleranced(problem: Problem, fixed: bool = False) -> Problem:
-    """Return the problem with every parameter free that has a tolerance: all that may be wrong.
+    """Return the problem with every parameter free that has a tolerance: all that may be off.
 
-    ``fixed``: also those that the file holds. What a fit may change is the user's choice, and says
-    nothing of what is off in the machine.
+    ``fixed``: including those held by the file. Which parameters a fit may change is the user's
+    choice, and says nothing about which are off.
     """
     own = {i for i, p in enumerate(problem.mechanism.parameters)
            if p.prior_sigma and (fixed or not p.fixed)}

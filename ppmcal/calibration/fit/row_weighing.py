@@ -1,6 +1,6 @@
-"""The fit of given rows from near its minimum, made again until the weights of rows stay.
+"""Fits given rows from near their minimum, repeated until the row weights settle.
 
-Each row counts by how likely it belongs.
+Each row is weighted by its probability of belonging.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ def fit_rows(problem: Problem, state: State, keep: Sequence[Bools],
         problem: machine, data and free parameters.
         state: a start near the minimum.
         keep: which rows (N,) of each data set are in use.
-        reasons: why others are not, by row.
+        reasons: why the others are not, by row.
         prior: weights (C,) of the parameters, 1/SI.
         options: method and its settings.
-        scale: by which the tolerances were scaled in ``prior``.
+        scale: factor on the tolerances in ``prior``.
     """
     found = least_squares(problem, state, keep, prior, options.most, None)
     information = found.information or qr_factor(problem, found.state, keep)
@@ -68,27 +68,27 @@ def _remark(problem: Problem, found: Minimum, information: SquareRootInformation
 
 
 BETWEEN_ROUNDS = 5
-"""Iterations of the fit after each round, which starts next to its minimum."""
+"""Iterations of the fit after each round, which starts close to its minimum."""
 ROUNDS = 30
 WHOLE, SETTLED = 0.05, 1e-5
-"""Rows weigh alike where their weights would move no estimate by so many of its standard
-deviations; and weights stay that would move none by so many any more."""
+"""Rows weigh the same if their weights move no estimate by this many of its standard deviations;
+weights have settled if they would move none by this many any more."""
 
 NOISE_OF = {False: "noise", True: "scatter of its repeats"}
-"""By what a row is judged that is left out, whether or not that is its repeats."""
+"""Reference by which a left-out row is judged: False for all rows, True for its repeats."""
 
 
 def weighed(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array],
             options: FitOptions) -> Fit:
-    """Return the fit with each row by its weight, those left out that hardly have any.
+    """Return the fit with weighted rows, without those that have hardly any weight.
 
-    ``suspects`` (N,) by data set are out already and are judged with the others; ``poses``: where
-    to look for theirs.
+    ``suspects`` (N,) by data set are out already and are judged with the others; ``poses``: from
+    which to solve theirs.
     """
     first, rows = fit, [k | s for k, s in zip(fit.keep, suspects, strict=True)]
     if any(s.any() for s in suspects):
         fit = replace(fit, state=_found_again(fit, suspects, poses))
-    # the next round judges by a new fit anyway: one that wanders is not followed to its end
+    # the next round judges by a new fit anyway: one that wanders need not be finished
     short = replace(options, iterations=min(options.most, BETWEEN_ROUNDS))
     for _ in range(ROUNDS):
         found = distances(fit.problem, fit.state, prediction_covariance(fit), fit.keep)
@@ -110,14 +110,14 @@ def weighed(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array],
     if not fit.converged and short.most < options.most:
         fit = fit_rows(fit.problem, fit.state, fit.keep, fit.reasons, fit.prior, options,
                        fit.prior_scale)
-    # the steps of the search: those after it follow the weights
+    # report the steps of the search; those after it only follow the weights
     return replace(_explained(fit, rows, found, factor, again), iterations=first.iterations,
                    summed=first.summed)
 
 
 def _moves(fit: Fit, found: Distances, factor: Array, keep: Sequence[Bools],
            weights: Sequence[Array], others: Sequence[Array]) -> float:
-    """Return by how many standard deviations other weights may move estimates, at most or so."""
+    """Return by how many standard deviations other weights may move estimates: an upper bound."""
     lever = values_taken(fit) / max(sum(int(k.sum()) for k in keep), 1)
     return float(np.sqrt(lever)) * float(np.sum([
         np.sum(np.abs(w - o)[k] * np.sqrt(d[k])) / f
@@ -126,7 +126,7 @@ def _moves(fit: Fit, found: Distances, factor: Array, keep: Sequence[Bools],
 
 def _explained(fit: Fit, rows: Sequence[Bools], found: Distances, factor: Array,
                again: Sequence[RepeatedRows]) -> Fit:
-    """Return the fit with the reasons for which some of the rows (N,) are left out."""
+    """Return the fit with the reasons why some of the rows (N,) are left out."""
     reasons, times = list[dict[int, str]](), list[dict[int, float]]()
     beside = list[dict[int, Ints]]()
     for own, away, weight, repeated, some, keep, pose in zip(
@@ -134,7 +134,7 @@ def _explained(fit: Fit, rows: Sequence[Bools], found: Distances, factor: Array,
             fit.keep, fit.state.poses, strict=True):
         gone = np.flatnonzero(some & ~keep).tolist()
         solved = finite_rows(pose)
-        # repeats say which joint it is, and by how much
+        # repeats show which joint it is, and by how much
         by_repeats = (repeated.weight < float(NO_WEIGHT)) | (repeated.weight < weight)
         far = np.where(by_repeats, repeated.times, away)
         times.append({n: float(far[n]) for n in gone})
@@ -157,7 +157,7 @@ def _contradicting(again: RepeatedRows, keep: Bools) -> tuple[Ints, ...]:
 
 
 def _found_again(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array]) -> State:
-    """Return the fit's state with the poses of the suspects, where they have one."""
+    """Return the fit's state with the poses of the suspects where they have one."""
     there = replace(fit.state, poses=tuple(np.where(s[:, None], p, np.nan) for s, p in
                                            zip(suspects, poses, strict=True)))
     found = fit.problem.solve(there).poses

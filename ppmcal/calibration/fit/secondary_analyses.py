@@ -1,4 +1,4 @@
-"""What is reported beside a result: an analysis that fails is left out, and a note says so."""
+"""Analyses reported beside a result: one that fails is left out, with a note."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ T = TypeVar("T")
 S = TypeVar("S")
 log = logging.getLogger(__package__)
 LEFT_OUT = "left out"
-"""The topic of a note on an analysis that is not there."""
+"""Topic of a note on an analysis that was left out."""
 FAILURES = (PpmcalError, ArithmeticError, ValueError, LinAlgError)
-"""What data can make of an analysis, ValueError: numbers that a library does not take.
+"""Failures of an analysis that data can cause; ValueError: numbers that a library rejects.
 
 Anything else is a fault of the program.
 """
 
 
 def left_out_note(what: str) -> Note:
-    """Return the note that an analysis is not there; ``what``: its name and why."""
+    """Return the note that an analysis was left out; ``what``: its name and why."""
     return Note(f"{LEFT_OUT}: {what}", topic=LEFT_OUT)
 
 
 def secondary(what: str, make: Callable[[], T], instead: S, notes: list[Note]) -> T | S:
-    """Return what an analysis beside a result gives; where it fails, ``instead``, and note it.
+    """Return the result of a secondary analysis; if it fails, ``instead``, with a note.
 
     Args:
-        what: the analysis, as it is named to a user.
+        what: the analysis, as users know it.
         make: the analysis.
-        instead: what counts as nothing found.
-        notes: to which the note is added.
+        instead: the value for nothing found.
+        notes: where the note is added.
     """
     try:
         return make()
@@ -42,15 +42,15 @@ def secondary(what: str, make: Callable[[], T], instead: S, notes: list[Note]) -
         log.info("%s is left out", what, exc_info=True)
         reason = error.what if isinstance(error, PpmcalError) else str(error)
         reason = reason or type(error).__name__
-        # what linear algebra could not give is called by the same name
+        # failures of linear algebra may already start with the name of the analysis
         notes.append(left_out_note(reason if reason.startswith(what) else f"{what} ({reason})"))
         return instead
 
 
 def pictures_beside(makers: Mapping[str, Callable[[], T]]) -> dict[str, T]:
-    """Return pictures beside a result, by file; one that cannot be drawn is left out.
+    """Return the pictures beside a result, by file; one that cannot be drawn is left out.
 
-    The result is made by then and takes no note any more: a warning says it.
+    By then the result is made and takes no more notes: a warning reports it.
     """
     notes = list[Note]()
     found = {name: secondary(f"the picture {name}", make, None, notes)

@@ -1,7 +1,7 @@
-"""Files of one campaign that do not say from which side their joints came, beside files that do.
+"""Files of a campaign without recorded directions of approach, beside files with them.
 
-Of such rows the side is +1 or -1, nobody knows which: what goes with it is 0 on average, so that
-the other rows alone tell its size, and it scatters by that size, which is noise of the joints.
+In such rows the direction is +1 or -1, unknown: effects of the direction are 0 on average, so only
+the other rows determine their size, and they scatter by that size, which is noise of the joints.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ppmcal.notes import Note
 from ppmcal.wording import abbreviate_list
 
 ON_AVERAGE = 0.0
-"""What stands for a direction that may be +1 or -1."""
+"""Stands for a direction that may be +1 or -1."""
 
 
 def with_unknown_directions(mechanism: Mechanism, datasets: Sequence[Dataset],
@@ -31,8 +31,8 @@ def with_unknown_directions(mechanism: Mechanism, datasets: Sequence[Dataset],
         rows: their environments.
 
     Returns:
-        The data sets, a finding on the last one that lacks directions: on how many rows effects
-        of the direction are seen. Themselves where all files have a joint's, or none has.
+        The data sets, with a finding on the last one without directions: the number of rows in
+        which their effects show. Unchanged if all files record a joint's direction, or none does.
     """
     has = np.array([np.isfinite(r.approach).any(axis=0) for r in rows])
     lacks = ~has & has.any(axis=0)
@@ -49,9 +49,9 @@ def with_unknown_directions(mechanism: Mechanism, datasets: Sequence[Dataset],
 
 
 def direction_sigma(mechanism: Mechanism, rows: Environment) -> Array:
-    """Return how far effects of directions that are not known move each joint (k,), unit of q.
+    """Return how far effects of unknown directions move each joint (k,), unit of q.
 
-    One standard deviation, at the effects' present values: these are +- as much, either as likely.
+    One standard deviation, at the effects' present values: plus or minus, equally likely.
     """
     square = np.zeros(len(mechanism.actuators))
     for effect in mechanism.effects:
@@ -64,7 +64,7 @@ def direction_sigma(mechanism: Mechanism, rows: Environment) -> Array:
 
 def _words(mechanism: Mechanism, datasets: Sequence[Dataset], without: Sequence[int],
            lacks: Bools) -> Note:
-    """Return on how many rows what goes with the direction is tested, and which files lack it."""
+    """Return a note on how many rows test effects of the direction, and which files lack it."""
     own = [f"dir_{a}" for i, a in enumerate(mechanism.actuators) if lacks[:, i].any()]
     with_ = [d for i, d in enumerate(datasets) if i not in without]
     by_axis = [c for c in ("dir_x", "dir_y", "dir_z") if any(c in d.columns for d in with_)]
@@ -73,5 +73,5 @@ def _words(mechanism: Mechanism, datasets: Sequence[Dataset], without: Sequence[
     known = total - sum(len(datasets[i]) for i in without)
     are = "is" if len(columns) == 1 else "are"
     files = " and ".join(datasets[i].name for i in without)
-    return Note(f"what goes with the direction of approach is tested on {known} of {total} rows: "
+    return Note(f"effects of the direction of approach are tested on {known} of {total} rows: "
                 f"{abbreviate_list(columns)} {are} not recorded in {files}", topic="approach")

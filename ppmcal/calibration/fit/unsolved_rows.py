@@ -1,4 +1,4 @@
-"""Rows that had no pose at the machine a fit began with, and may have one where it ended."""
+"""Rows without a pose at the machine a fit began with, which may have one where it ended."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from ppmcal.kinematics.equilibrium import settle
 from ppmcal.linalg import Array, Bools, finite_rows
 
 NO_POSE = "no pose at these joint values"
-"""The reason for which such a row is left out."""
+"""Reason for which such a row is left out."""
 ROUNDS = 2
-"""The fit with the first of them may give a pose to others."""
+"""Refits: with the first rows recovered, others may have a pose too."""
 Refit = Callable[[Fit, Sequence[Bools], Sequence[dict[int, str]]], Fit]
 
 
 def with_unsolved(fit: Fit, refit: Refit) -> Fit:
-    """Return a fit with the rows that have a pose at the fitted machine, and belong.
+    """Return a fit including the rows that have a pose at the fitted machine, and belong.
 
-    They are judged as rows that were left out: predicted, with the uncertainty of the prediction.
-    One that has a pose and does not belong may be in another assembly mode, and stays out with both
+    They are judged like left-out rows: predicted, with the uncertainty of the prediction. A row
+    that has a pose but does not belong may be in another assembly mode, and stays out with both
     reasons.
 
     Args:
-        fit: at its minimum, ``reasons`` saying which rows had no pose.
+        fit: at its minimum, with ``reasons`` for rows without a pose.
         refit: fits again from a fit's state, to other rows with other reasons.
     """
     for _ in range(ROUNDS):
@@ -49,7 +49,7 @@ def with_unsolved(fit: Fit, refit: Refit) -> Fit:
 
 
 def _solved(fit: Fit) -> tuple[list[Array], list[Bools]] | None:
-    """Return poses at the fitted machine and which rows had none before, None where none has."""
+    """Return poses at the fitted machine and which rows had none before; None if none is new."""
     model, poses, rows = Model(fit.problem.mechanism, fit.state.g), [], []
     for i, reasons in enumerate(fit.reasons):
         lost = np.zeros(len(fit.problem.datasets[i]), dtype=bool)
@@ -65,7 +65,7 @@ def _solved(fit: Fit) -> tuple[list[Array], list[Bools]] | None:
 
 
 def _beside(fit: Fit, i: int, model: Model, lost: Bools) -> Array:
-    """Return poses of some rows (N, 8 or 16), led from the row in use with the nearest joints."""
+    """Return poses of some rows (N, 8 or 16), led from the used row with the nearest joints."""
     data, state = fit.problem.datasets[i], fit.state
     used = np.flatnonzero(fit.keep[i] & finite_rows(state.poses[i]))
     out = np.full_like(state.poses[i], np.nan)
@@ -85,7 +85,7 @@ def _beside(fit: Fit, i: int, model: Model, lost: Bools) -> Array:
 
 def _judged(fit: Fit, rows: Sequence[Bools]
             ) -> tuple[list[Bools], tuple[dict[int, str], ...], int]:
-    """Return rows to use, reasons for those left out, and how many of ``rows`` belong."""
+    """Return rows to use, reasons for those left out, and the number of ``rows`` that belong."""
     keep, reasons = [k.copy() for k in fit.keep], [dict(r) for r in fit.reasons]
     found = distances(fit.problem, fit.state, prediction_covariance(fit), keep)
     weights = found.weights(keep, fit.noise_factor)

@@ -1,7 +1,7 @@
-"""Rows whose values are white: in units of their noise, which is independent from one to another.
+"""White rows: values in units of their noise, uncorrelated.
 
-Targets that were seen at one stand have the noise of its joints in common. Their rows are white
-one after the other: those of a target given those of the targets before it.
+Targets measured at one stand share the noise of its joints. Their rows are whitened one after the
+other: those of a target conditional on those of the targets before it.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from ppmcal.linalg import Array, Bools, Ints
 
 @dataclass(frozen=True, eq=False)
 class Companion:
-    """What another target showed at the stands of n rows, whose noise is partly the same.
+    """Values of another target at the stands of n rows, whose noise is correlated with theirs.
 
     Attributes:
-        dataset: of that target; ``index`` (n,): its rows, any of them where it has none.
-        mix: what white rows take of its m' values (n, m, m'); 0 where it has no row.
+        dataset: of that target; ``index`` (n,): its rows, arbitrary where it has none.
+        mix: coefficients of its m' values in the white rows (n, m, m'); 0 where it has no row.
         observed, raw: its values (n, m'), as in :class:`Rows`; ``jacobian`` (n, m', C) of their
             prediction, m and rad.
-        response: how these move along shifts.
+        response: of these values to shifts.
     """
 
     dataset: int
@@ -38,18 +38,18 @@ class Companion:
     response: Response
 
     def share(self, raw: Array) -> Array:
-        """Return what values (n, m') of the companion add to white rows (n, m)."""
+        """Return the contribution of the companion's values (n, m') to white rows (n, m)."""
         return np.asarray((self.mix @ np.where(self.observed, raw, 0.0)[..., None])[..., 0])
 
     @property
     def columns(self) -> Array:
-        """What its columns add to those of white rows (n, m, C)."""
+        """Contribution of its columns to those of white rows (n, m, C)."""
         return np.asarray(self.mix @ self.jacobian)
 
 
 def whitened(whitener: Array, observed: Bools, raw: Array,
              others: Iterable[tuple[Companion, Array]]) -> Array:
-    """Return values (n, m), m and rad, made white (n, m), with those of companions (n, m')."""
+    """Return values (n, m), m and rad, whitened (n, m), given those of companions (n, m')."""
     out = np.asarray((whitener @ np.where(observed, raw, 0.0)[..., None])[..., 0])
     for companion, values in others:
         out = out + companion.share(values)
@@ -62,11 +62,11 @@ class Rows:
 
     ``residual`` (n, m) white; ``jacobian`` (n, m, C) of the white prediction;
     ``observed`` (n, m); ``raw`` (n, m) in m and rad; ``whitener`` (n, m, m);
-    ``index`` (n,) rows of the data set; ``response`` how predictions move along shifts,
-    None where no Jacobian was asked for; ``second``: along those of the other end of a distance
-    between two platform positions; ``weight`` (n,): as of the data set; ``surplus``: how many of
-    the m values, the last, are what no pose explains of the closure; ``companions``: other targets
-    at the same stands, given which these rows are white: ``whitener @ raw`` and their shares.
+    ``index`` (n,) rows of the data set; ``response`` of the predictions to shifts, None without
+    Jacobian; ``second``: the same for the other end of a distance between two platform
+    positions; ``weight`` (n,): as in the data set; ``surplus``: number of closure residuals
+    that no pose explains, the last of the m values; ``companions``: other targets at the same
+    stands, on which whitening is conditional: ``whitener @ raw`` plus their shares.
     """
 
     dataset: int
@@ -83,29 +83,29 @@ class Rows:
     companions: tuple[Companion, ...] = ()
 
     def whitened(self, raw: Array, others: Sequence[Array] | None = None) -> Array:
-        """Return values (n, m), m and rad, as white ones; of the companions (n, m') each.
+        """Return values (n, m), m and rad, whitened, given values (n, m') of each companion.
 
-        ``others`` None: theirs are 0.
+        ``others`` None: the companions' values are 0.
         """
         return whitened(self.whitener, self.observed, raw, zip(
             self.companions, others or (), strict=False))
 
     @property
     def measured(self) -> Array:
-        """The errors of what the instrument measures, m and rad, nan where it does not."""
+        """Errors of the measured values, m and rad, nan where the instrument measures none."""
         own = slice(self.raw.shape[1] - self.surplus)
         return np.where(self.observed[:, own], self.raw[:, own], np.nan)
 
     @property
     def own_jacobian(self) -> Array:
-        """White columns (n, m, C) by the rows' own values, without what companions add."""
+        """White columns (n, m, C) of the rows' own values, without those of companions."""
         out = self.jacobian
         for companion in self.companions:
             out = out - companion.columns
         return out
 
     def raw_jacobian(self) -> Array:
-        """Return d prediction of what the instrument measures (n, m, C), m and rad, unweighted."""
+        """Return d prediction of the measured values (n, m, C), m and rad, unweighted."""
         whole = linalg.solve(self.whitener, self.own_jacobian)
         return np.asarray(whole[:, :whole.shape[1] - self.surplus])
 
@@ -113,10 +113,10 @@ class Rows:
         """Return white columns (n, m, T) that act in some rows only.
 
         Args:
-            group: by data set which of the C columns, T of them, and in which of its rows (N,).
+            group: by data set, which T of the C columns, and in which of its rows (N,).
 
         Returns:
-            0 where none of these data sets is in the rows.
+            0 if the rows have none of these data sets.
         """
         parts = ([(self.dataset, self.index, self.own_jacobian)] if self.dataset in group else [])
         parts += [(c.dataset, c.index, c.columns) for c in self.companions if c.dataset in group]
@@ -128,18 +128,18 @@ class Rows:
 
     @property
     def count(self) -> float:
-        """How many values were measured, each by its row's weight."""
+        """Number of measured values, weighted by row."""
         each = self.observed.sum(axis=1)
         return int(each.sum()) if self.weight is None else float(self.weight @ each)
 
     def squares(self) -> tuple[float, float]:
-        """Return the sum of white squares of what was measured, and how many values that is."""
+        """Return the sum of white squares of the measured values, and their number."""
         return float(np.sum(np.where(self.observed, self.residual, 0.0) ** 2)), self.count
 
 
 def white_rows(dataset: int, index: Ints, own: RawRows,
                others: Sequence[tuple[int, Ints, RawRows]]) -> Rows:
-    """Return rows ``index`` (n,) of a data set made white.
+    """Return whitened rows ``index`` (n,) of a data set.
 
     Args:
         dataset: number of the data set.

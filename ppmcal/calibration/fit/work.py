@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 @dataclass
 class Work:
-    """Steps of fits that a search may still try; ``ended``: more were wanted than there were.
+    """Steps of fits that a search may still try; ``ended``: more were wanted than were left.
 
-    ``within``: the work that these steps are a part of; ``cut``: parts that ended of themselves.
+    ``within``: the enclosing bound; ``cut``: number of inner bounds that ran out.
     """
 
     most: int
@@ -27,9 +27,9 @@ _WORK: ContextVar[Work | None] = ContextVar("work", default=None)
 
 @contextmanager
 def bounded(steps: int) -> Iterator[Work]:
-    """Let all fits inside try so many steps together; what is not done by then is given up.
+    """Limit all fits inside to so many steps together; what is unfinished by then is abandoned.
 
-    Steps inside of another bound are steps of that too.
+    Steps inside nested bounds count for each of them.
     """
     within = _WORK.get()
     work = Work(steps, steps, within=within)
@@ -43,7 +43,7 @@ def bounded(steps: int) -> Iterator[Work]:
 
 
 def another_step() -> bool:
-    """Count a step that a fit is about to try; whether it may."""
+    """Count a step that a fit is about to try; return whether it may."""
     bounds = []
     work = _WORK.get()
     while work is not None:

@@ -1,4 +1,4 @@
-"""What files may have meant: units, columns read otherwise, copies, rows of another machine."""
+"""What files may have meant: units, columns read differently, copies, rows of another machine."""
 
 from __future__ import annotations
 
@@ -53,5 +53,5 @@ if TYPE_CHECKING:
     )
     from ppmcal.calibration.interpretation.rope_tightness import slack_ropes as slack_ropes
 
-if not TYPE_CHECKING:   # who checks types sees which names there are
+if not TYPE_CHECKING:   # type checkers read the names above
     __getattr__ = on_first_use(__name__)

@@ -1,6 +1,6 @@
-"""Encoders that are of another assembly mode than home's: the machine was put together mirrored.
+"""Encoders in another assembly mode than home's: the machine was put together mirrored.
 
-At the same drives' values the limbs close in other places too, and encoders at joints show which.
+At the same drive values the limbs close in other places too, and encoders at joints show which.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ppmcal.wording import number
 
 
 def other_assembly(problem: Problem) -> tuple[Interpretation, ...]:
-    """Return that encoders at joints are of another assembly mode, empty where they are not."""
+    """Return that encoders at joints are in another assembly mode; empty if they are not."""
     datasets, mechanism = problem.datasets, problem.mechanism
     if not datasets or not all(d.kind.placed is not None or d.kind.blind for d in datasets):
         return ()
@@ -34,8 +34,8 @@ def other_assembly(problem: Problem) -> tuple[Interpretation, ...]:
     joints = ", ".join(
         f"{name} = {number(value / factor)} {unit}".rstrip() for name, value, (factor, unit) in
         zip(mechanism.actuators, middle.tolist(), mechanism.joint_units, strict=True))
-    text = ("the machine is assembled another way round than the file says: its encoders agree to "
-            f"{number(noise, 2)} times the noise where, at {joints}, the platform stands at "
+    text = ("the machine is in another assembly than the file says: its encoders agree to within "
+            f"{number(noise, 2)} times the noise if, at {joints}, the platform stands at "
             f"{pose_words(mechanism, pose)}")
     return (Interpretation(mechanism.source, (FileFault("assembly", ("home",), text),)),)
 
@@ -45,6 +45,6 @@ def _lands(found: Score) -> bool:
 
 
 def _score_at(problem: Problem, pose: Array, q: Array) -> Score:
-    """Return the score of the machine whose home is a pose (6,) at joint values (k,)."""
+    """Return the score of the machine with its home at a pose (6,) and joint values (k,)."""
     home = assembled_at(problem.mechanism, pose, q)
     return score(replace(problem, mechanism=home, pivots=None, given=None), np.inf)

@@ -1,12 +1,12 @@
-"""Which other readings of a file are worth a look.
+"""Candidates for other readings of a file.
 
 Joint columns. About the middle of the measured motion the positions follow the columns as
 dp = B dq. If joint i stands in another column, with another sign or unit, the columns of B are
-those of the machine's own Jacobian J in another order, with that sign and factor; a turn of the
-measuring frame, a mirrored axis or exchanged axes change B^T B not at all. So the order and the
-signs that bring the correlations B^T B nearest to J^T J are the ones to try: all of them are
-compared at once (at most 720 orders of 32 signs), before anything is registered or solved. Where
-rotations are measured they follow the columns in the same way, wherever the target is.
+those of the machine's own Jacobian J in another order, with that sign and factor; rotating the
+measuring frame, or mirroring or exchanging axes, does not change B^T B. So the orders and signs
+that bring the correlations B^T B closest to J^T J are the ones to try: all of them are compared
+at once (at most 720 orders of 32 signs), before anything is registered or solved. Measured
+rotations follow the columns in the same way, wherever the target is.
 """
 
 from __future__ import annotations
@@ -32,21 +32,21 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import ANGLES, LENGTHS, TURN
 
 MOST_JOINTS = 6
-"""Of more joints than these not all orders are compared, only single changes."""
+"""With more joints than this, only single changes are compared and not all orders."""
 KEPT = 40
-"""Orders and signs that go on, best first, by positions and by rotations together."""
+"""Orders and signs kept, best first, by positions and by rotations together."""
 FEW = 12
 NEAR = 1.6
-"""A column that moves the point by a factor within this of a unit's factor may be in that unit."""
+"""A column may be in a unit if it moves the point by that unit's factor to within this."""
 TURNED = {**ANGLES, "turn": TURN}
 ONE_SIGN, ALL_SIGNS = ((-1, 1, 1), (1, -1, 1), (1, 1, -1)), (-1, -1, -1)
 
 
 def joint_readings(mechanism: Mechanism, data: Dataset, single: bool = True) -> list[ReadColumns]:
-    """Return the readings of the joint columns that are worth a look, as declared first.
+    """Return the candidate readings of the joint columns, as declared first.
 
-    What the positions' slopes by the columns say; with ``single`` also each single change (two
-    columns exchanged, a sign, a unit), else only the likeliest few.
+    Those suggested by the slopes of positions by the columns; with ``single`` also each single
+    change (two columns exchanged, a sign, a unit), else only the most likely few.
     """
     plain = ColumnInterpretation.as_declared(mechanism, data).joints
     found = [plain]
@@ -58,7 +58,7 @@ def joint_readings(mechanism: Mechanism, data: Dataset, single: bool = True) -> 
 
 
 def other_units(mechanism: Mechanism, plain: ReadColumns) -> list[dict[str, float]]:
-    """Return, by joint, the units that its column may be in and their factors on its values."""
+    """Return, by joint, the other units that its column may be in, and their factors."""
     return [{} if bare else units_beside(LENGTHS if quantity == "length" else TURNED, declared)
             for quantity, bare, declared in zip(
                 mechanism.actuator_quantity, mechanism.actuator_has_ratio, plain.factors,
@@ -66,7 +66,7 @@ def other_units(mechanism: Mechanism, plain: ReadColumns) -> list[dict[str, floa
 
 
 def units_beside(known: Mapping[str, float], declared: float) -> dict[str, float]:
-    """Return the units other than the declared one, and their factors on its values."""
+    """Return the units other than the declared one, and their factors on the values."""
     return {u: v / declared for u, v in known.items() if not np.isclose(v, declared)}
 
 
@@ -82,9 +82,9 @@ def _single(plain: ReadColumns, units: Sequence[Mapping[str, float]]) -> Iterato
 
 
 def _by_slopes(mechanism: Mechanism, data: Dataset, plain: ReadColumns) -> Iterator[ReadColumns]:
-    """Yield readings by how positions, and rotations where they are known, follow the columns.
+    """Yield readings by how positions, and measured rotations, follow the columns.
 
-    The likeliest first, by positions before by rotations.
+    The most likely first, by positions before by rotations.
     """
     closure, pose = Model(mechanism).closure(home_state(mechanism).q[None]), mechanism.home[None]
     try:
@@ -101,7 +101,7 @@ def _by_slopes(mechanism: Mechanism, data: Dataset, plain: ReadColumns) -> Itera
 
 
 def _motions(mechanism: Mechanism, data: Dataset) -> list[Array]:
-    """Return positions, and rotations from the middle row on, as vectors (N, 3).
+    """Return positions, and rotations relative to the middle row, as vectors (N, 3).
 
     Rotations follow the joints alike wherever the target is; positions of a far target do not.
     """
@@ -119,7 +119,7 @@ def _motions(mechanism: Mechanism, data: Dataset) -> list[Array]:
 
 def _by_correlations(plain: ReadColumns, units: Sequence[Mapping[str, float]], measured: Array,
                      own: Array) -> Iterator[ReadColumns]:
-    """Yield readings by how the cosines between measured slopes (3, k) become the machine's."""
+    """Yield readings by matching the cosines of measured slopes (3, k) to the machine's."""
     (shape, size), (nominal, length) = _correlations(measured), _correlations(own)
     if min(size.min(), length.min()) <= 0.0:
         return
@@ -142,14 +142,14 @@ def _by_correlations(plain: ReadColumns, units: Sequence[Mapping[str, float]], m
 
 
 def _nearest_unit(slope: float, units: Mapping[str, float]) -> str:
-    """Return the unit whose numbers are as many times too large as the slope is too small."""
+    """Return the unit whose numbers are larger by the factor by which the slope is too small."""
     off = {u: abs(float(np.log(max(slope, 1e-300) / f))) for u, f in {"": 1.0, **units}.items()}
     best = min(off, key=lambda u: off[u])
     return best if off[best] < np.log(NEAR) else ""
 
 
 def _slopes(columns: Array, values: Array) -> Array | None:
-    """Return d values / d column (3, k) over all rows, None where they do not say."""
+    """Return d values / d column (3, k) over all rows, None if they do not determine it."""
     rows, k = np.flatnonzero(finite_rows(values) & finite_rows(columns)), columns.shape[1]
     if len(rows) < 2 * k + 2:
         return None
@@ -158,7 +158,7 @@ def _slopes(columns: Array, values: Array) -> Array | None:
     if not np.all(spread > 0.0):
         return None
     x = np.column_stack([q / spread, np.ones(len(q))])
-    # values typed wrong pull hardest where they are far out: a few rounds without them
+    # mistyped values have the most leverage when far out: a few rounds without them
     keep = (np.abs(x) < 20.0).all(axis=1)
     for _ in range(4):
         if keep.sum() < 2 * k + 2:
@@ -199,9 +199,9 @@ def position_readings(plain: ColumnInterpretation) -> list[ColumnInterpretation]
 
 
 def rotation_readings(plain: ColumnInterpretation, data: Dataset) -> list[ColumnInterpretation]:
-    """Return readings of the rotation columns, as declared first; only that where none are.
+    """Return readings of the rotation columns, as declared first; only that one without rotations.
 
-    Matrices are read as the sidecar has them: it has no line for another way.
+    Matrices are only read as in the sidecar, which has no other option for them.
     """
     convention = plain.convention
     if not np.isfinite(data.rotation).any() or convention == "matrix":
@@ -231,7 +231,7 @@ def whole_pose_readings(plain: ColumnInterpretation, data: Dataset) -> list[Colu
 
 
 def _orders() -> Iterator[tuple[int, ...]]:
-    """Yield the orders of three columns that are not their own."""
+    """Yield the orders of three columns other than their own."""
     return islice(permutations(range(3)), 1, None)
 
 

@@ -1,10 +1,10 @@
-"""By how much the clocks of two recorders differ, found from what both saw of the motion.
+"""The offset between two recorders' clocks, found from the motion that both recorded.
 
-A point that is fixed to the platform is m = F (p + R b): whatever frame F and target b are, its
-coordinates are a linear function of the entries of p and R. So for each trial offset the measured
+A point fixed to the platform is m = F (p + R b): for any frame F and target b its coordinates
+are a linear function of the entries of p and R. So for each trial offset the measured
 points are regressed on the nominal machine's poses at these times; at the true offset the
 residuals are those of an uncalibrated machine, elsewhere those of one that stood somewhere else.
-Several targets share F and p, and each has entries of R of its own, unless its b is known.
+Several targets share F and p, and each has its own entries of R, unless its b is known.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ TRIALS = 4000
 MOST_ROWS = 5000
 """Rows of a log at which poses are computed."""
 INSIDE = 0.8
-"""At least this part of the points must be taken while the log ran."""
+"""At least this part of the points must lie within the time of the log."""
 CLEAR = 2.0
-"""The next best offset must fit so many times worse (rms)."""
+"""The next best offset must fit worse by this factor (rms)."""
 FOLLOWS = 0.05
-"""Residuals, as a part of the points' spread, above which nothing fits."""
+"""If residuals exceed this part of the points' spread, no offset fits."""
 
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """What the points' clock is ahead of the log's, s, with what fits as well.
+    """How far the points' clock is ahead of the log's, s, and its alternatives.
 
     ``low``, ``high``: the interval; ``next_best``: another offset, and how many times worse it
     fits (rms); ``rest``: residual rms over the points' spread.
@@ -60,12 +60,12 @@ class ClockOffset:
 
 @dataclass(frozen=True, eq=False)
 class SeenTargets:
-    """Which of K targets on the platform each of M points is.
+    """Which of K targets on the platform each of M points belongs to.
 
     Attributes:
         names: of the K targets.
         label: of each point, from 0 (M,).
-        points: where the targets are on the platform (K, 3), m; nan where unknown.
+        points: positions of the targets on the platform (K, 3), m; nan where unknown.
     """
 
     names: tuple[str, ...]
@@ -74,25 +74,25 @@ class SeenTargets:
 
 
 def one_target(count: int) -> SeenTargets:
-    """Return that all points are of one target, nobody knows where."""
+    """Return that all points belong to one target at an unknown position."""
     return SeenTargets(("",), np.zeros(count, dtype=np.int64), np.full((1, 3), np.nan))
 
 
 def find_clock_offset(mechanism: Mechanism, times: Array, q: Array, seen_at: Array, seen: Array,
                       place: str, targets: SeenTargets | None = None) -> ClockOffset:
-    """Return what the clock of the points is ahead of that of a joint log.
+    """Return how far the points' clock is ahead of a joint log's.
 
     Args:
-        mechanism: whose nominal geometry tells where the platform was.
+        mechanism: whose nominal geometry gives the platform's poses.
         times: of the log's N rows, s, ascending.
         q: joint values (N, k), SI.
         seen_at: times of M points, s, on their own clock.
         seen: points (M, 3), in any unit; nan where not measured.
-        place: what messages call the points.
-        targets: which target each point is  [default: one, nobody knows where].
+        place: name of the points in messages.
+        targets: the target of each point  [default: a single one at an unknown position].
 
     Raises:
-        BadInput: too few points, a log shorter than they are, or no offset that is clearly best.
+        BadInput: too few points, a log shorter than their time, or no offset that is clearly best.
     """
     targets = one_target(len(seen)) if targets is None else targets
     axes = np.flatnonzero(np.isfinite(seen).any(axis=0))
@@ -124,11 +124,11 @@ def find_clock_offset(mechanism: Mechanism, times: Array, q: Array, seen_at: Arr
 
 
 def _judged(trials: Array, rms: Array, trial: _PoseRegression, place: str) -> ClockOffset:
-    """Return the best trial with what fits as well; refuse one that is not clearly best."""
+    """Return the best trial and its alternatives; refuse one that is not clearly best."""
     best, spread = int(np.argmin(rms)), trial.spread
     if not rms[best] < FOLLOWS * spread:
         raise BadInput(f"no offset of the clocks makes the points{trial.of_targets} follow the "
-                       f"machine (what is left is {100 * rms[best] / spread:.2g} % of their "
+                       f"machine (the residuals are {100 * rms[best] / spread:.2g} % of their "
                        f"spread)", place, trial.why)
     # 95 % by the likelihood ratio of one parameter
     alike = rms <= rms[best] * np.sqrt(1.0 + 3.84 / trial.freedom)
@@ -139,7 +139,7 @@ def _judged(trials: Array, rms: Array, trial: _PoseRegression, place: str) -> Cl
         high += 1
     inner = np.r_[False, (rms[1:-1] <= rms[:-2]) & (rms[1:-1] <= rms[2:]), False]
     value = 0.5 * float(trials[low] + trials[high])
-    # steps of the log and of the trials make ripples beside the best
+    # steps of the log and of the trials cause ripples beside the best
     apart = max(5.0 * (trials[high] - trials[low]), 5.0 * trial.step)
     inner &= np.abs(trials - value) > apart
     other = np.flatnonzero(inner & np.isfinite(rms))
@@ -156,7 +156,7 @@ def _judged(trials: Array, rms: Array, trial: _PoseRegression, place: str) -> Cl
 
 
 def _poses(mechanism: Mechanism, times: Array, q: Array) -> tuple[Array, Array]:
-    """Return some of a log's times, ascending, and p and R of the nominal machine there (N, 12)."""
+    """Return some times of a log, ascending, and p and R of the nominal machine there (N, 12)."""
     good = np.flatnonzero(finite_rows(q) & np.isfinite(times))
     good = good[np.unique(np.linspace(0, len(good) - 1, MOST_ROWS).astype(int))]
     motors = reached_poses(Model(mechanism.nominal()), q[good]).pose
@@ -170,13 +170,13 @@ class _PoseRegression:
     """The regression of measured points on poses at shifted times.
 
     Attributes:
-        needed: points from which on the rotation of every target whose place is not known can be
-            followed, with a column of its own for each entry of R that changes.
+        needed: fewest points with which the rotation of every target at an unknown position can
+            be followed, with a separate column for each entry of R that changes.
     """
 
     def __init__(self, times: Array, poses: Array, seen_at: Array, seen: Array,
                  targets: SeenTargets) -> None:
-        """Keep what all trials share."""
+        """Prepare what all trials share."""
         self.times, self.poses, self.seen_at, self.seen = times, poses, seen_at, seen
         self.step = max(float(np.median(np.diff(times))),
                         (np.ptp(times) - np.ptp(seen_at)) / TRIALS)
@@ -200,18 +200,18 @@ class _PoseRegression:
 
     @property
     def of_targets(self) -> str:
-        """Which targets the points are of, where there are several."""
+        """The targets of the points, if there are several."""
         return f" of the targets {', '.join(self.names[:4])}" if len(self.names) > 1 else ""
 
     @property
     def why(self) -> str:
-        """What the user can do where nothing fits."""
+        """What the user can do if nothing fits."""
         give = "; or give the offset, --clock-offset S"
         if not self.followed:
-            return (f"{len(self.seen)} points do not tell how their places on the platform turn "
+            return (f"{len(self.seen)} points do not tell how their positions on the platform turn "
                     f"with it: measure {self.needed} or more, or write where the targets are, "
                     f"read.targets{give}")
-        one = ("that each target is one place on the platform" if len(self.names) > 1 else
+        one = ("that each target is one point of the platform" if len(self.names) > 1 else
                "that all points are of one target on the platform (else say how they are named, "
                "--names)")
         return (f"Check that log and points are of one run, {one}, and the machine (ppmcal check)"
@@ -231,7 +231,7 @@ class _PoseRegression:
         return np.column_stack([each, known, p, turned.reshape(len(at), -1)])
 
     def rms(self, offset: float) -> float:
-        """Return the residuals' rms, degrees of freedom taken off; inf with too few points."""
+        """Return the residuals' rms, corrected for degrees of freedom; inf with too few points."""
         at = self.seen_at - offset
         inside = (at >= self.times[0]) & (at <= self.times[-1])
         if inside.sum() < max(INSIDE * len(at) - 1, self.columns + 2):

@@ -1,9 +1,9 @@
-"""Rows that are copies of another: equal in every digit, beyond what chance makes of repeats.
+"""Rows that are copies of others: equal in every digit, more often than chance allows.
 
-A repeat is measured anew, and its noise is its own. A row that was copied, or that a log wrote
-again, tells nothing new, and counted as a repeat it makes the fit surer than it can be. Coarse
-readings do agree now and then: two of one value, with noise sigma and in steps r, are equal with
-the chance erf(a) - (1 - exp(-a^2))/(a sqrt(pi)), a = r/(2 sigma).
+A repeat is a new measurement with its own noise. A row that was copied, or written again by a log,
+carries no information, and counted as a repeat it makes the fit too certain. Coarse
+readings do agree now and then: two readings of one value, with noise sigma and resolution r, are
+equal with probability erf(a) - (1 - exp(-a^2))/(a sqrt(pi)), a = r/(2 sigma).
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from ppmcal.notes import Note
 from ppmcal.wording import pluralize, row_list
 
 BY_CHANCE = 1e-4
-"""Equal rows expected of honest repeats, below which they are copies."""
+"""Expected number of equal rows among true repeats below which equal rows are copies."""
 ALWAYS = 10
-"""Where so many repeats or more, and all there are, equal the first of their pose, the noise is far
-below the steps or there is none: one of them tells what all do."""
+"""If at least this many repeats, and all there are, equal the first of their pose, the noise is far
+below the resolution or absent: one of them carries the information of all."""
 FEWEST = 3
 REASON = "identical to an earlier row in every digit: a copy, not a repeat"
 
 
 def chance_of_equal(step: float, sigma: float) -> float:
-    """Return the chance that two readings in steps of ``step`` and with noise ``sigma`` agree."""
+    """Return the chance that two readings of resolution ``step`` and noise ``sigma`` agree."""
     if not sigma > 0.0 or not step < math.inf:
         return 1.0
     a = step / (2.0 * sigma)
@@ -44,14 +44,14 @@ def chance_of_equal(step: float, sigma: float) -> float:
 
 
 def steps_of(numbers: Mapping[str, Array], data: Dataset, reach: float) -> Array:
-    """Return the steps of x, y, z, rx, ry, rz and of the value (7,), SI; inf where not told.
+    """Return the resolution of x, y, z, rx, ry, rz and of the value (7,), SI; inf if unknown.
 
     Args:
-        numbers: the file's by column, in its units, before rotations are turned into vectors.
-        data: what was made of it.
+        numbers: the file's by column, in its units, before rotations are converted to vectors.
+        data: the data set made from them.
         reach: the machine's, m.
 
-    Where all values are one, as of touches of a flat, it is the joints that were measured.
+    If all values are equal, as for touches of a flat, the joints are what was measured.
     """
     length, angle = data.units.factor("length"), data.units.factor("angle")
     own = {name: (i, length if i < 3 else angle) for i, name in enumerate(POSE_COORDINATES)}
@@ -64,7 +64,7 @@ def steps_of(numbers: Mapping[str, Array], data: Dataset, reach: float) -> Array
         if name in numbers:
             out[i] = step_of(numbers[name]) * factor
     if data.kind.scalar and not out[6] < math.inf:
-        # the whole range of a joint moves the platform by no more than the reach, or a radian
+        # the whole range of a joint moves the platform by at most the reach, or a radian
         size = reach if data.kind.quantity == "length" else 1.0
         out[6] = size * max((step_of(q) / float(np.nanmax(q) - np.nanmin(q)) for q in data.q.T
                               if np.isfinite(q).any() and np.nanmax(q) > np.nanmin(q)),
@@ -75,7 +75,7 @@ def steps_of(numbers: Mapping[str, Array], data: Dataset, reach: float) -> Array
 def chance(data: Dataset, steps: Array) -> float:
     """Return the chance that two measurements of one pose agree in every digit.
 
-    By the stated noise, or by the scatter of those repeats that do not agree where that is less.
+    By the stated noise, or by the scatter of those repeats that differ if that is smaller.
     """
     values, sigma = _values(data), _sigmas(data)
     if data.kind.scalar:
@@ -118,14 +118,14 @@ def _scatter(data: Dataset, values: Array) -> Array:
 
 
 def _conditions(data: Dataset) -> Array:
-    """Return all that the machine was told and stood in (N, c), 0 where unknown."""
+    """Return the commands and conditions of all rows (N, c), placeholders where unknown."""
     parts = [data.q, *(p for p in (data.to_q, data.commanded) if p is not None),
              *(c[:, None] for n, c in sorted(data.columns.items()) if n not in NO_INFLUENCE)]
     return np.asarray(np.nan_to_num(np.concatenate(parts, axis=1), nan=0.5, posinf=0, neginf=0))
 
 
 def copied(data: Dataset) -> Bools:
-    """Return which rows (N,) are copies of an earlier one; ``data.chance`` says what is odd."""
+    """Return which rows (N,) are copies of an earlier one, judged by ``data.chance``."""
     values = _values(data)
     told = _conditions(data)
     whole = identical_rows(np.column_stack([told, np.nan_to_num(values, nan=0.5)]))
@@ -142,10 +142,10 @@ def copied(data: Dataset) -> Bools:
 
 
 def without_copies(data: Dataset) -> Dataset:
-    """Return the data set with copied rows left out, and that as a finding.
+    """Return the data set without copied rows, with a finding about them.
 
     Raises:
-        BadInput: next to nothing else is there.
+        BadInput: hardly any other rows remain.
     """
     out = copied(data)
     if not out.any():
@@ -159,12 +159,12 @@ def without_copies(data: Dataset) -> Dataset:
 
 
 def without_shared(several: Sequence[Dataset]) -> tuple[Dataset, ...]:
-    """Return data sets without the rows that an earlier one of the same kind has too.
+    """Return data sets without the rows that an earlier one of the same kind also has.
 
     A copy may have been written with fewer digits, or in other units.
 
     Raises:
-        BadInput: one that has no row of its own.
+        BadInput: a data set without any row of its own.
     """
     done = list[Dataset]()
     for data in several:
@@ -182,12 +182,12 @@ def without_shared(several: Sequence[Dataset]) -> tuple[Dataset, ...]:
                 again[partners(one, two, tolerances(one, two))[1]] = True
             if again.any() and _copied_count(again, max(data.chance, other.chance)):
                 if again.all():
-                    raise BadInput(f"holds no row that {other.source} does not hold too, equal "
+                    raise BadInput(f"holds only rows that {other.source} holds too, equal "
                                    "within its digits", data.source,
                                    "Give each measurement only once")
                 data = _left_out(data, again, Note(f"{data.source}: "
-                                                   f"{pluralize(int(again.sum()), 'row')} stand in "
-                                                   f"{other.source} too, equal within their "
+                                                   f"{pluralize(int(again.sum()), 'row')} also in "
+                                                   f"{other.source}, equal within their "
                                                    "digits: copies are not repeats; each counts "
                                                    "once.", topic="copies"))
         done.append(data)
@@ -195,9 +195,9 @@ def without_shared(several: Sequence[Dataset]) -> tuple[Dataset, ...]:
 
 
 def known_rows(data: Dataset, actuators: Sequence[str]) -> KnownRows:
-    """Return the rows by which copies of a data set are recognised when its table is gone.
+    """Return the rows by which copies of a data set are recognised once its table is gone.
 
-    Joint values or commanded poses, and what was measured; :data:`KEPT` rows at most.
+    Joint values or commanded poses, and the measurements; at most :data:`KEPT` rows.
     """
     columns, table = _told(data, actuators)
     return KnownRows(data.source, data.kind.name, len(data), data.chance, columns, table
@@ -205,7 +205,7 @@ def known_rows(data: Dataset, actuators: Sequence[str]) -> KnownRows:
 
 
 def _told(data: Dataset, actuators: Sequence[str]) -> tuple[tuple[str, ...], Array]:
-    """Return names and values (N, c), SI, of what a data set was told and measured."""
+    """Return names and values (N, c), SI, of a data set's commands and measurements."""
     if data.commanded is not None:
         parts = [(f"cmd_{n}", c) for n, c in zip(POSE_COORDINATES, data.commanded.T, strict=True)]
     else:
@@ -218,7 +218,7 @@ def _told(data: Dataset, actuators: Sequence[str]) -> tuple[tuple[str, ...], Arr
 
 
 def among(data: Dataset, actuators: Sequence[str], known: KnownRows) -> Bools:
-    """Return which rows (N,) are copies of known ones, within their digits; none by chance."""
+    """Return which rows (N,) are copies of known ones, within their digits and beyond chance."""
     again = np.zeros(len(data), dtype=bool)
     columns, table = _told(data, actuators)
     if data.kind.name != known.kind or columns != known.columns or not len(known.table):
@@ -232,7 +232,7 @@ def among(data: Dataset, actuators: Sequence[str], known: KnownRows) -> Bools:
 
 def count_among(data: Dataset, actuators: Sequence[str], known: Sequence[KnownRows]
                 ) -> tuple[int, bool]:
-    """Return how many rows are copies of known ones, and whether there may be more of them."""
+    """Return the number of rows that are copies of known ones, and whether there may be more."""
     again = [(among(data, actuators, k), k.whole) for k in known]
     some = np.any([a for a, _ in again], axis=0) if again else np.zeros(len(data), dtype=bool)
     return int(some.sum()), any(a.any() and not whole for a, whole in again)
@@ -240,10 +240,10 @@ def count_among(data: Dataset, actuators: Sequence[str], known: Sequence[KnownRo
 
 def without_known(several: Sequence[Dataset], actuators: Sequence[str],
                   known: Sequence[KnownRows], where: str) -> tuple[Dataset, ...]:
-    """Return data sets without the rows that a calibration (``where``) has used already.
+    """Return data sets without the rows that a calibration (``where``) has already used.
 
     Raises:
-        BadInput: one that has no row of its own, or copies among more rows than were kept.
+        BadInput: a data set without any row of its own, or copies among more rows than were kept.
     """
     out = list[Dataset]()
     for data in several:
@@ -253,20 +253,20 @@ def without_known(several: Sequence[Dataset], actuators: Sequence[str],
                 continue
             if again.all() or not seen.whole:
                 rows = "all rows" if again.all() else "rows"
-                raise BadInput(f"is in that calibration already: {rows} stand in {seen.source} "
-                               "too, equal within their digits", data.source,
+                raise BadInput(f"is in that calibration already: {rows} are also in {seen.source}, "
+                               "equal within their digits", data.source,
                                "Give new measurements only, or leave out --keep")
             data = _left_out(data, again, Note(f"{data.source}: "
-                                               f"{pluralize(int(again.sum()), 'row')} stand in "
-                                               f"{seen.source} too, which {where} has used "
-                                               "already, equal within their digits: each counts "
+                                               f"{pluralize(int(again.sum()), 'row')} also in "
+                                               f"{seen.source}, already used by {where}, "
+                                               "equal within their digits: each counts "
                                                "once.", topic="copies"))
         out.append(data)
     return tuple(out)
 
 
 def _copied_count(again: Bools, chance: float) -> bool:
-    """Whether honest rows (N,), all of them repeats, would hardly agree so often."""
+    """Whether true repeats (N,) would hardly agree so often."""
     from scipy.special import pdtrc  # reading files needs no scipy
 
     return bool(pdtrc(again.sum() - 1.0, again.size * chance) < BY_CHANCE)

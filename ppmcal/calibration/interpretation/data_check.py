@@ -1,4 +1,4 @@
-"""Is this file the machine that I think it is? Findings before anything is measured."""
+"""Does this file describe the intended machine? Findings before anything is measured."""
 
 from __future__ import annotations
 
@@ -54,14 +54,14 @@ TRIAL_POSES = 80
 
 @dataclass(frozen=True)
 class Check:
-    """What check found.
+    """Result of check.
 
-    ``findings`` need a look (exit code 1); ``gaps`` per limb, empty where the file gives no
+    ``findings`` need attention (exit code 1); ``gaps`` per limb, empty if the file has no
     home q; ``singular_value``: the smallest at home; ``rank`` of ``columns``; ``unseen`` parameters
     to which no measured row is sensitive; ``redundant`` further ones that others explain;
-    ``identifiability``: what a fit to the measurements will leave open, None without any;
-    ``misreadings``: how the files are to be read instead; ``unidentifiable``: unseen and redundant
-    ones as whole sets.
+    ``identifiability``: what a fit to the measurements would leave open, None without any;
+    ``misreadings``: how the files should be read instead; ``unidentifiable``: unseen and redundant
+    parameters as whole sets.
     """
 
     findings: tuple[Note, ...]
@@ -84,8 +84,8 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
 
     Args:
         mechanism: the machine.
-        datasets: measurements to see with; else a spread of poses about home, full pose.
-        plausibility: findings on units, made at the border.
+        datasets: measurements to judge by; else a spread of full poses about home.
+        plausibility: findings on units, made when the files were read.
 
     Raises:
         BadInput: the home pose cannot be reached.
@@ -117,7 +117,7 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
         start = unfitted(Problem(mechanism, used, mechanism.free))
         out = replace(out, **visibility(start))
         lost = sum(int((~k).sum()) for k in start.keep)
-        # of poses about home some are beyond where a learned term is known
+        # some poses about home may be outside the range of a learned term
         if lost and (datasets or not any(e.kind.known for e in mechanism.effects)):
             findings.append(
                 Note(f"{pluralize(lost, 'row')} without a pose at the joint values: check q, its "
@@ -130,7 +130,7 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
 
 
 def _open_limbs(mechanism: Mechanism, gaps: Sequence[LimbGap]) -> Iterator[Note]:
-    """Yield which limbs do not close at home."""
+    """Yield the limbs that do not close at home."""
     factor, unit = mechanism.units.factor("length"), mechanism.units.length
     home = "home.q" if np.isfinite(mechanism.home_q).all() else "the home pose"
     for g in gaps:
@@ -149,14 +149,14 @@ def _told(misreadings: Sequence[Interpretation], mechanism: Mechanism) -> Iterat
 
 
 def _not_told(findings: Sequence[Note], misreadings: Sequence[Interpretation]) -> list[Note]:
-    """Return findings without those on a column that is told to be outside its limits."""
+    """Return findings without those on a column already reported as outside its limits."""
     told = about(findings, [of_column(m.source, c) for m in misreadings for x in m.mistakes
                             if x.kind == "outside-limits" for c in x.columns])
     return [f for f in findings if f not in told]
 
 
 def _dead_points(mechanism: Mechanism) -> Iterator[Note]:
-    """Yield which limbs are at a dead point at home, or so near that tolerances bring them."""
+    """Yield the limbs that are at a dead point at home, or within tolerances of one."""
     factor, unit = mechanism.units.factor("length"), mechanism.units.length
     for t in transmissions(mechanism):
         if t.dead:
@@ -171,7 +171,7 @@ def _dead_points(mechanism: Mechanism) -> Iterator[Note]:
 
 
 def trial_dataset(mechanism: Mechanism) -> Dataset:
-    """Return a spread of poses about home, known frame, full pose: what could be seen at all."""
+    """Return a spread of full poses about home in a known frame: all that could be observed."""
     rng = np.random.default_rng(0)
     half_range = np.where(np.arange(6) < 3, 0.08 * mechanism.reach, 0.15)
     poses = np.tile(mechanism.home_pose, (TRIAL_POSES, 1))
@@ -184,19 +184,19 @@ def trial_dataset(mechanism: Mechanism) -> Dataset:
     table = inverse_table(Model(bare), poses)
     good = np.array([s == "ok" for s in table.status])
     q = table.q[good]
-    # where surplus limbs contradict each other what was measured says where the platform is
+    # if surplus limbs contradict each other, the measurements locate the platform
     data = Dataset.of_poses("poses about home", q, poses[good],
                             (1e-3 * mechanism.length_scale, 1e-3), fitted=False)
     columns = _trial_environment(mechanism, len(data), rng)
     if remembers(mechanism):
-        # what remembers the way wants the directions of that way
+        # effects that depend on the way need the directions of this way
         columns |= {f"dir_{a}": np.nan_to_num(way, nan=1.0) for a, way in
                     zip(mechanism.actuators, ways(q).T, strict=True)}
     return replace(data, columns=columns)
 
 
 def _trial_environment(mechanism: Mechanism, n: int, rng: np.random.Generator) -> dict[str, Array]:
-    """Return every column that effects may depend on, all of them varied."""
+    """Return every column that effects may depend on, each of them varied."""
     columns = {"temperature": rng.uniform(288.15, 298.15, n),
                "time": np.sort(rng.uniform(0.0, 3600.0, n)),
                "payload": rng.uniform(0.0, 20.0, n)}
@@ -210,7 +210,7 @@ def _trial_environment(mechanism: Mechanism, n: int, rng: np.random.Generator) -
 
 @stage("what the measurements see")
 def visibility(start: Fit) -> dict[str, Any]:
-    """Return the fields of :class:`Check` that say what a fit which starts there will see."""
+    """Return the fields of :class:`Check` that predict what a fit from this start will see."""
     count, scale, names = len(start.problem.free), start.scale, start.problem.columns
     triangle, _ = data_rows(start)
     rank, kept, dropped = whole_rank(triangle, count, scale, names=names)

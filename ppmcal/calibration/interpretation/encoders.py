@@ -1,8 +1,8 @@
-"""What a file of an encoder at a joint may have meant: its sign, its unit, its joint.
+"""Other readings of an encoder's file: its sign, its unit, its joint.
 
-Each way is held against the nominal machine: a limb that is closed says how each of its joints
-stands, and a reading of another joint, or one in another unit, goes otherwise with the joint
-values. All are compared at once with joint columns that are read in every single other way.
+Each reading is compared with the nominal machine: a closed limb determines each of its joints, and
+readings of another joint, or in another unit, vary differently with the joint values. All are
+compared at once with every single change of the joint columns.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from ppmcal.model.registration import Registration
 from ppmcal.units import LENGTHS
 
 ROWS = 40
-"""Rows that decide between readings."""
+"""Number of rows by which readings are compared."""
 STILL = 1e-9
-"""A joint that moves by less, rad or m, says nothing."""
+"""A joint that moves by less, rad or m, carries no information."""
 
 
 def encoder_readings(mechanism: Mechanism, data: Dataset) -> list[ColumnInterpretation]:
-    """Return the readings of an encoder's column, as declared first.
+    """Return the candidate readings of an encoder's column, as declared first.
 
-    At each joint of the machine that one can be at, with either sign, in each unit. A unit that the
-    file says of the column is believed to be of the right quantity.
+    At each of the machine's joints that may have one, with either sign, in each unit. If the file
+    names a unit for the column, its quantity is taken as right.
     """
     name, own = data.kind.number, data.kind.quantity
     said = name in data.headed or any(fnmatchcase(name, p) for p in data.read.get("units", {}))
@@ -56,9 +56,9 @@ def encoder_readings(mechanism: Mechanism, data: Dataset) -> list[ColumnInterpre
 
 def search_encoder(mechanism: Mechanism, data: Dataset
                    ) -> list[tuple[float, ColumnInterpretation]]:
-    """Return readings of what an encoder at a joint read with their misses, best first.
+    """Return readings of an encoder at a joint with their errors, best first.
 
-    A miss is the median one over how far the joint goes; an unknown offset is that of the median.
+    The error is the median one over the range of the joint; an unknown offset is set to the median.
     The reading as declared is among them.
     """
     few = data.take(subsample([finite_rows(data.q) & np.isfinite(data.value)], ROWS)[0])
@@ -78,16 +78,16 @@ def search_encoder(mechanism: Mechanism, data: Dataset
 
 
 def _mirrored(signs: Sequence[int]) -> bool:
-    """Whether all signs are the other ones, as of a machine that is assembled mirrored.
+    """Whether all signs are inverted, as for a machine assembled mirrored.
 
-    That is one mistake, not one for each column, and is asked for as that.
+    That is one mistake, not one for each column, and has a candidate of its own.
     """
     return all(sign < 0 for sign in signs)
 
 
 def _misses(model: Model, data: Dataset, readings: Sequence[ColumnInterpretation], q: Array,
             pose: Array) -> Iterator[float]:
-    """Yield the misses of readings of an encoder's column at joints (n, k) and poses (n, 8)."""
+    """Yield the errors of readings of an encoder's column at joints (n, k) and poses (n, 8)."""
     expected: dict[str, Array] = {}
     for reading in readings:
         kind: InstrumentKind = reading.kind or data.kind
@@ -101,12 +101,12 @@ def _misses(model: Model, data: Dataset, readings: Sequence[ColumnInterpretation
 
 
 def _within(away: Array, kind: InstrumentKind) -> Array:
-    """Return differences (n,), of angles within half a turn."""
+    """Return differences (n,), angles within half a turn."""
     return wrapped(away) if kind.quantity == "angle" else away
 
 
 def _spread(values: Array, kind: InstrumentKind) -> float:
-    """Return how far half of the values (n,) are from their middle; a whole turn is nothing."""
+    """Return the median distance of values (n,) from their median, angles modulo whole turns."""
     middle = (float(np.angle(np.exp(1j * values).sum())) if kind.quantity == "angle"
               else float(np.median(values)))
     away = _within(values - middle, kind)

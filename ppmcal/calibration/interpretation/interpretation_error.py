@@ -30,22 +30,22 @@ HINTS = {
     "offset": "Write into the sidecar: `instrument: {offset: unknown}`"}
 """What only the user can correct, by kind of mistake."""
 PLAIN = ("stale", "outside-limits")
-"""Kinds that name their rows and are not another reading of them."""
+"""Kinds of mistake that name rows and are not corrected by another reading."""
 
 
 PLAIN_WORD = re.compile(r"[A-Za-z_][\w ./*?-]*")
-"""Words that YAML takes as they stand."""
+"""Strings that YAML takes without quotes."""
 NOISE = "times the noise"
-"""In the place of a quantity: residuals over the noise, no length or angle."""
+"""In place of a quantity: residuals over the noise, not a length or angle."""
 
 
 @dataclass(frozen=True)
 class FileFault:
-    """One way in which a file is not what it was read as.
+    """One respect in which a file differs from how it was read.
 
     ``kind``: permuted, sign, unit, rotation, inverse, mirrored, exchanged, shifted, stale,
-    outside-limits, joint, home, zero, assembly or radius; ``columns`` that it concerns; ``text``:
-    in words; ``rows``: where not all of them, by number in the CSV.
+    outside-limits, joint, home, zero, assembly or radius; ``columns`` affected; ``text``:
+    in words; ``rows``: by number in the CSV, if not all of them.
     """
 
     kind: str
@@ -56,23 +56,23 @@ class FileFault:
 
 @dataclass(frozen=True)
 class Interpretation:
-    """A file that was read wrongly, and how it is to be read.
+    """A file that was read wrongly, and how it should be read.
 
     Attributes:
         source: the CSV.
         mistakes: what is wrong in it; ``block``: the sidecar's ``read`` that corrects it, None
-            where only the user can.
-        quantity: of ``before`` and ``after``, the median misses, m or rad, that tell most; nan
-            where nothing was compared.
-        noise_after: what a short fit leaves, times the noise.
-        headers: of the file -> those to write in their place, where a wrong unit stands in them:
-            the sidecar has no say in these.
+            if only the user can.
+        quantity: of ``before`` and ``after``, the median errors, m or rad, that show it best; nan
+            if nothing was compared.
+        noise_after: residuals of a short fit, times the noise.
+        headers: headers of the file with a wrong unit -> their replacements, because a unit in a
+            header overrides the sidecar.
         sigma: entries of the sidecar's ``instrument.sigma`` that are in the columns' unit too.
-        at: the joint that is to be the sidecar's ``instrument.at``; empty where that is right.
-        alternatives: other mistakes that explain the file as well, and change no more of it;
-            ``alternative_blocks``: as ``block``, where each of them has one of its own;
-            ``alike``: what they have in common with the mistakes, in words.
-        right: the data set read so, None where nothing was compared.
+        at: the joint for the sidecar's ``instrument.at``; empty if that is right.
+        alternatives: other mistakes that explain the file as well with as few changes;
+            ``alternative_blocks``: like ``block``, for those that have their own;
+            ``alike``: their relation to the mistakes, in words.
+        right: the data set read that way, None if nothing was compared.
     """
 
     source: str
@@ -92,15 +92,15 @@ class Interpretation:
 
     @property
     def otherwise(self) -> str:
-        """The alternatives in words, to be put behind those of the mistakes; empty without any."""
+        """The alternatives in words, to follow those of the mistakes; empty without any."""
         others = "".join(", or: " + " and ".join(m.text for m in way) for way in self.alternatives)
         return f"{others}; {self.alike}" if self.alike else others
 
 
 class InterpretationError(NoResult):
-    """Measurements that are not of this machine as the files are read (exit code 3).
+    """Measurements that, as the files are read, are not of this machine (exit code 3).
 
-    ``found``: how they are to be read, by data set; empty where nothing explains them.
+    ``found``: how they should be read, by data set; empty if nothing explains them.
     ``units``: of the machine's file.
     """
 
@@ -111,7 +111,7 @@ class InterpretationError(NoResult):
     def of(cls, found: Sequence[Interpretation], units: Units) -> InterpretationError:
         """Return the refusal that names the mistakes and the lines that correct them."""
         several = len({m.source for m in found}) > 1
-        # what all targets of a file share, each of them shows
+        # a mistake shared by all targets of a file shows in each of them
         what = "; ".join(dict.fromkeys(
             f"{m.source}: " * several + interpretation_sentence(m, units) for m in found))
         error = cls(what, ", ".join(dict.fromkeys(m.source for m in found)), hint_of(found))
@@ -120,7 +120,7 @@ class InterpretationError(NoResult):
 
 
 def interpretation_sentence(found: Interpretation, units: Units) -> str:
-    """Return what is wrong in a file, and the evidence."""
+    """Return what is wrong in a file, with the evidence."""
     factor, unit = units.factor(found.quantity), units.name(found.quantity)
     what = " and ".join(m.text for m in found.mistakes) + found.otherwise
     if np.isnan(found.after):
@@ -129,8 +129,8 @@ def interpretation_sentence(found: Interpretation, units: Units) -> str:
         return f"{what}: residuals fall from {found.before:.3g} to {found.after:.3g} {NOISE}"
     before = (f"read so, the median error drops from {found.before / factor:.3g} to"
               if np.isfinite(found.before) else
-              # of another quantity before, where the encoder is at a joint of another sort
-              "hardly a row had a pose; " * (not found.at) + "read so, the median error is")
+              # the error before is of another quantity if the encoder is at another kind of joint
+              "hardly any row had a pose; " * (not found.at) + "read so, the median error is")
     return (f"{what}: {before} {found.after / factor:.3g} {unit}, and a short fit leaves "
             f"{found.noise_after:.2g} times the noise")
 
@@ -148,7 +148,7 @@ def with_unit(header: str, unit: str) -> str:
 
 
 def headers_of(data: Dataset, columns: Sequence[str], unit: str) -> dict[str, str]:
-    """Return the headers of columns in which another unit stands, and how to write each."""
+    """Return the headers of columns that contain another unit, and their replacements."""
     return {data.headed[c][0]: with_unit(data.headed[c][0], unit) for c in columns
             if c in data.headed}
 
@@ -160,18 +160,18 @@ def in_headers(headers: Mapping[str, str], source: str) -> str:
 
 
 def lines_for(block: Mapping[str, object] | None, headers: Mapping[str, str]) -> str:
-    """Return what the file of some of the rows is to have, in brackets behind them."""
+    """Return the lines needed for the file of some of the rows, in brackets after them."""
     parts = [f"`read: {block_text(block)}` there"] if block else []
     return "; ".join([*parts, *filter(None, [in_headers(headers, "that file")])])
 
 
 def with_line(data: Dataset, key: str, lines: Mapping[str, object]) -> dict[str, object]:
-    """Return the sidecar's block ``read`` with more of one key, such as units: {payload: g}."""
+    """Return the sidecar's block ``read`` with entries added to a key, as units: {payload: g}."""
     return {**data.read, key: {**data.read.get(key, {}), **lines}}
 
 
 def block_text(block: object) -> str:
-    """Return the sidecar's block ``read`` in one line of YAML, quoted only where it must be."""
+    """Return the sidecar's block ``read`` as one line of YAML, quoted only where necessary."""
     if isinstance(block, Mapping):
         return f"{{{', '.join(f'{block_text(k)}: {block_text(v)}' for k, v in block.items())}}}"
     if isinstance(block, list | tuple):
@@ -194,7 +194,7 @@ def hint_of(found: Sequence[Interpretation]) -> str:
         if m.block or m.at:
             blocks.setdefault(_sidecar_lines(m), []).append(m.source)
     if headers and not blocks:
-        return f"Write {headers}: the sidecar has no say where a unit stands in the header"
+        return f"Write {headers}: a unit in the header overrides the sidecar"
     if not blocks:
         if any(x.rows and x.kind not in PLAIN for x in every):
             return ("Put those rows into a file of their own whose sidecar says so, or leave them "
@@ -204,8 +204,8 @@ def hint_of(found: Sequence[Interpretation]) -> str:
                 f"Correct the zero of {', '.join(beyond)}: its offset in the mechanism file, or "
                 "the column; or the limits, if they are wrong")
     mirrored = any(x.kind == "mirrored" for x in every)
-    named = len({m.source for m in found}) > 1    # which file is meant must be said then
-    # several of one file are what each of its targets would take: one of them is to be written
+    named = len({m.source for m in found}) > 1    # the file meant must be named then
+    # several blocks for one file are alternatives from its targets: only one is to be written
     between = "; into the " if named or len(blocks) == 1 else ", or instead into the "
     place = {b: f"sidecar{'s' * (len(own) > 1)} of {' and '.join(own)}" if named else "sidecar"
              for b, own in blocks.items()}
@@ -215,7 +215,7 @@ def hint_of(found: Sequence[Interpretation]) -> str:
 
 
 def _sidecar_lines(found: Interpretation) -> str:
-    """Return the lines for the sidecar of one file, with why its sigma is among them."""
+    """Return the lines for the sidecar of one file, with the reason for its sigma among them."""
     lines = [f"`read: {block_text(found.block)}`"] if found.block else []
     lines += [f"`instrument: {{at: {found.at}}}`"] if found.at else []
     instead = "".join(f", or instead `read: {block_text(other)}`"
@@ -225,5 +225,5 @@ def _sidecar_lines(found: Interpretation) -> str:
     # digits without an exponent: every reader of YAML takes them for a number
     sigma = ", ".join(f"{k}: {np.format_float_positional(v, trim='-')}"
                       for k, v in found.sigma.items())
-    return (f"{' and '.join(lines)} and, as sigma is in the unit of the columns too, "
+    return (f"{' and '.join(lines)} and, as sigma is in the same unit as the columns, "
             f"`instrument: {{sigma: {{{sigma}}}}}`{instead}")

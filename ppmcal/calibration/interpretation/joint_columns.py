@@ -1,10 +1,10 @@
-"""Columns of joint values alone that are not what they are read as: exchanged, in other units.
+"""Columns of joint values alone that are read wrongly: exchanged, or in other units.
 
-Nothing measures the platform then. But limbs in surplus contradict each other by what noise and
-tolerances of the nominal machine explain, if the columns are read rightly; in another unit, or in
-each other's place, by far more. That goes for the unit of all of them too: such data do not see the
-size of a machine, but its drawing has it. What tolerances are wide enough to explain shows in a
-fit: it leaves more, or ends farther from nominal.
+Nothing measures the platform then. But with columns read rightly, surplus limbs contradict each
+other only by what noise and tolerances of the nominal machine explain; in another unit, or
+exchanged, by far more. The same holds for the unit of all of them: such data do not determine the
+size of a machine, but its drawing does. Misreadings that wide tolerances could explain show in a
+fit, which leaves larger residuals or ends farther from nominal.
 """
 
 from __future__ import annotations
@@ -43,18 +43,18 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import number
 
 ROWS = 60
-"""Rows that are looked at, evenly spread."""
+"""Number of rows examined, evenly spread."""
 MANY = 1.0 / 3.0
-"""Of rows with a contradiction: fewer are gross errors, which the fit leaves out by itself."""
+"""Part of rows with a contradiction below which they are gross errors, which the fit leaves out."""
 FITS = 6
-"""Ways to read columns that are fitted, at most."""
+"""Maximum number of readings that are fitted."""
 
 
 @dataclass(frozen=True, eq=False)
 class AgainstNominal:
-    """Rows of one data set against the nominal machine: q (n, k), and by how much it may be off.
+    """Rows q (n, k) of one data set against the nominal machine, and how far it may be off.
 
-    ``allowed``: (n,) what noise and tolerances leave of the limbs' contradiction, m.
+    ``allowed``: (n,) contradiction of the limbs that noise and tolerances explain, m.
     """
 
     model: Model
@@ -63,11 +63,11 @@ class AgainstNominal:
 
     @cached_property
     def as_read(self) -> tuple[Array, Array]:
-        """What :meth:`times` says of the rows as they are read."""
+        """:meth:`times` of the rows as they are read."""
         return self.times(self.q)
 
     def times(self, q: Array) -> tuple[Array, Array]:
-        """Return contradictions (n,), m, and in parts of what is allowed; inf without a pose."""
+        """Return contradictions (n,), m, and relative to the allowed ones; inf without a pose."""
         pose = self.pose(self.model, q)
         with np.errstate(invalid="ignore"):
             gap = np.linalg.norm(self.model.closure(q).lengths(pose), axis=1)
@@ -75,14 +75,14 @@ class AgainstNominal:
         return gap, gap / self.allowed
 
     def pose(self, model: Model, q: Array) -> Array:
-        """Return the poses (n, 8) where the limbs contradict each other least, nan without."""
+        """Return the poses (n, 8) where the limbs contradict each other least, nan without one."""
         home = np.tile(model.mechanism.home, (len(q), 1))
         pose, good, _ = newton(model.closure(q), home)
         return np.where(good[:, None], pose, np.nan)
 
 
 def against_nominal(problem: Problem, data: Dataset) -> AgainstNominal | None:
-    """Return rows against the nominal machine, None where it says nothing of them."""
+    """Return rows against the nominal machine, None if it allows no judgement."""
     mechanism = replace(problem.mechanism.nominal(), effects=())
     q = data.q[finite_rows(data.q)]
     q = q[np.linspace(0, len(q) - 1, min(len(q), ROWS)).astype(int)] if len(q) else q
@@ -91,7 +91,7 @@ def against_nominal(problem: Problem, data: Dataset) -> AgainstNominal | None:
     model = Model(mechanism)
     rows = AgainstNominal(model, q, np.ones(len(q)))
     pose = rows.pose(model, q)
-    # limbs close with these joint values; what was read may be in another unit, and far from it
+    # limbs close at these joint values; the values read may be in another unit, far from them
     closed = np.full_like(q, np.nan)
     known = finite_rows(pose)
     if known.any():
@@ -99,7 +99,7 @@ def against_nominal(problem: Problem, data: Dataset) -> AgainstNominal | None:
     good = finite_rows(closed)
     if not good.any():
         return None
-    # what the tolerances leave where there is a pose; elsewhere the most of them
+    # the allowance of the tolerances where there is a pose; elsewhere the largest of them
     sigma = np.array([mechanism.parameters[p].prior_sigma or 0.0 for p in mechanism.free])
     closure, at = model.closure(closed[good], mechanism.free), pose[good]
     moved = np.concatenate([closure.error_matrix(at, mechanism.free) * sigma,
@@ -112,9 +112,9 @@ def against_nominal(problem: Problem, data: Dataset) -> AgainstNominal | None:
 
 @dataclass(frozen=True, eq=False)
 class _RankedReading:
-    """One way to read the columns, and how far limbs contradict each other then.
+    """One reading of the columns, and how far limbs contradict each other with it.
 
-    ``part``, ``gap``: the median of it, in parts of what is allowed and m.
+    ``part``, ``gap``: the median contradiction, relative to the allowed one and in m.
     """
 
     part: float
@@ -123,10 +123,10 @@ class _RankedReading:
 
 
 def _ways(rows: AgainstNominal, data: Dataset) -> list[_RankedReading]:
-    """Return single changes of how columns are read that the tolerances allow, best first.
+    """Return single changes of the columns' reading that the tolerances allow, best first.
 
-    What makes no difference, as a sign of which limbs see the square, is none of them; nor is a
-    unit in which all are so small that tolerances explain any rows, mixed-up ones too.
+    Without changes that make no difference, such as a sign where limbs depend on the square, and
+    without units in which values are so small that tolerances explain any rows, even mixed-up ones.
     """
     mechanism = rows.model.mechanism
     plain, as_read = ColumnInterpretation.as_declared(mechanism, data), rows.as_read[0]
@@ -144,13 +144,13 @@ def _ways(rows: AgainstNominal, data: Dataset) -> list[_RankedReading]:
 
 
 def _rolled(q: Array) -> Array:
-    """Return joint values (n, k) of which each is of another row, with no pose in common."""
+    """Return joint values (n, k) with each joint taken from another row, so without common pose."""
     n, k = q.shape
     return np.stack([np.roll(q[:, i], i * n // k) for i in range(k)], axis=1)
 
 
 def contradicted(problem: Problem, data: Dataset) -> AgainstNominal | None:
-    """Return rows against the nominal machine, None where most of them do not contradict it."""
+    """Return rows against the nominal machine, None unless most of them contradict it."""
     rows = against_nominal(problem, data)
     if rows is None or np.mean(rows.as_read[1] > LANDS) <= MANY:
         return None
@@ -158,10 +158,10 @@ def contradicted(problem: Problem, data: Dataset) -> AgainstNominal | None:
 
 
 def refuse_joint_columns(mechanism: Mechanism, data: Dataset, rows: AgainstNominal) -> None:
-    """Refuse columns with which limbs contradict each other far more than if read otherwise.
+    """Refuse columns with which limbs contradict each other far more than with another reading.
 
     Raises:
-        InterpretationError: with how they are to be read.
+        InterpretationError: with how they should be read.
     """
     units, (gap, times) = mechanism.units, (np.median(v) for v in rows.as_read)
     found = [w for w in _ways(rows, data) if w.part * TELLING <= times]
@@ -173,10 +173,10 @@ def refuse_joint_columns(mechanism: Mechanism, data: Dataset, rows: AgainstNomin
 
 
 def refuse_read_otherwise(fit: Fit) -> None:
-    """Refuse joint values alone that a fit explains far better with columns read otherwise.
+    """Refuse joint values alone that a fit explains far better with another reading of columns.
 
-    By the noise that it leaves, and by how far it moves the geometry. The nominal machine need not
-    tell them: of one surplus a row its tolerances may explain either.
+    By its residuals, and by how far it moves the geometry. The nominal machine alone need not
+    distinguish them: with one surplus equation per row its tolerances may explain either.
 
     Raises:
         InterpretationError: with the columns.
@@ -193,7 +193,7 @@ def refuse_read_otherwise(fit: Fit) -> None:
             other = _fitted(fit, i, way.reading, left)
             if other is not None and other.total * TELLING <= left.total:
                 found.append((other, way.reading))
-                # what is farther from nominal is no match for it
+                # readings that put the geometry farther from nominal cannot compete
                 most = min(most, TELLING * max(1.0, way.part))
         found.sort(key=lambda f: f[0].total)
         _refuse(problem.mechanism, data, [
@@ -202,9 +202,9 @@ def refuse_read_otherwise(fit: Fit) -> None:
 
 
 def _fitted(fit: Fit, index: int, way: ColumnInterpretation, left: Score) -> Score | None:
-    """Return what a fit leaves with one data set read otherwise, None without a sound one.
+    """Return the score of a fit with one data set read differently, None without a sound one.
 
-    A short fit of some rows is asked first: one of columns that are read wrongly takes long.
+    A short fit of some rows comes first: one with columns read wrongly takes long.
     """
     datasets = list(fit.problem.datasets)
     datasets[index] = way.of(datasets[index])
@@ -219,18 +219,18 @@ def _fitted(fit: Fit, index: int, way: ColumnInterpretation, left: Score) -> Sco
 
 
 def fit_score(fit: Fit) -> Score:
-    """Return what a fit of all rows leaves of them, and by how much it moves the geometry."""
+    """Return the residuals of a fit of all rows, and how far it moves the geometry."""
     return Score(noise=distances(fit.problem, fit.state).times(fit.keep),
                  geometry=rms(tolerances_away(fit.problem, fit.state)))
 
 
 def _kept(fit: Fit) -> int:
-    """Return how many rows a fit uses."""
+    """Return the number of rows that a fit uses."""
     return sum(int(np.count_nonzero(k)) for k in fit.keep)
 
 
 def _better(other: Score, left: Score) -> str:
-    """Return in words what falls most: what is left, or how far the geometry moves."""
+    """Return in words what falls most: the residuals, or the distance of the geometry."""
     if left.noise * other.geometry >= other.noise * left.geometry:
         return (f"residuals are {number(other.noise, 3)} times the noise then, not "
                 f"{number(left.noise, 3)} times")
@@ -242,7 +242,7 @@ def _better(other: Score, left: Score) -> str:
 
 def _refuse(mechanism: Mechanism, data: Dataset,
             found: Sequence[tuple[ColumnInterpretation, str]]) -> None:
-    """Refuse columns that are better read otherwise, if they are: ways and why, best first."""
+    """Refuse columns if another reading is better; ``found``: readings and reasons, best first."""
     if not found:
         return
     (best, why), *others = found
@@ -259,7 +259,7 @@ def _refuse(mechanism: Mechanism, data: Dataset,
 
 def _alike(mechanism: Mechanism, best: ColumnInterpretation,
            others: Sequence[ColumnInterpretation]) -> str:
-    """Return that several ways fit equally, and whether they are one machine seen otherwise."""
+    """Return that several readings fit equally, and whether they are equivalent machines."""
     if len(others) != 1:
         return "all fit equally" * bool(others)
     between = [best.joints.order.index(a) for a in others[0].joints.order]

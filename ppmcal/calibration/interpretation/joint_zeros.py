@@ -1,9 +1,9 @@
-"""Joints that count from another zero than the mechanism file says: its home is elsewhere.
+"""Joints with another zero than in the mechanism file: its home is elsewhere.
 
-A machine whose drives are set to zero at home has its lengths there as offsets. Where the platform
-then stood decimetres from the file's home, limbs contradict each other so smoothly that the
-geometry bends to suit, as if it were another machine. One constant for each joint explains joint
-values alone then, and that with a geometry within its tolerances.
+A machine whose drives are set to zero at home has its lengths there as offsets. If the platform
+stood decimetres from the file's home then, limbs contradict each other so smoothly that the
+geometry bends to fit, as if it were another machine. One constant for each joint then explains
+joint values alone, and does so with a geometry within its tolerances.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import number
 
 STEPS, STILL = 12, 1e-6
-"""Towards the zeros with the geometry as it is: where they are the cause, a few are enough."""
+"""Steps towards the zeros with the geometry fixed: if they are the cause, a few are enough."""
 MOST_OUT = 1.0 / 3.0
-"""Rows left out; with more of them the others prove nothing."""
+"""Part of rows left out beyond which the others prove nothing."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointZeros:
-    """What joints read less than they are (k,), unit of q, with standard deviations.
+    """Amounts by which joints read too little (k,), unit of q, with standard uncertainties.
 
-    ``mechanism``: as fitted beside them; ``times``: what is left, in parts of the noise.
+    ``mechanism``: fitted together with them; ``times``: residuals relative to the noise.
     """
 
     mechanism: Mechanism
@@ -59,7 +59,7 @@ class JointZeros:
 
     @property
     def home(self) -> Array | None:
-        """Where the platform stands at the joint values of home (8,), None if limbs do not meet."""
+        """Platform pose at home's joint values (8,), None if limbs do not meet."""
         model = Model(self.mechanism)
         q = home_state(self.mechanism).q + self.shift
         closure = model.closure(q[None])
@@ -72,7 +72,7 @@ class JointZeros:
 
 
 def joint_zeros(problem: Problem) -> JointZeros | None:
-    """Return the constants with which joint values alone are of this machine, None without any."""
+    """Return the constants with which joint values alone are of this machine, or None."""
     mechanism, datasets = problem.mechanism, problem.datasets
     if (not problem.blind or problem.earlier is not None or not problem.free
             or any(d.homing != "shared" for d in datasets)):
@@ -107,7 +107,7 @@ def _shift_of_nominal(model: Model, q: Array) -> Array:
             break
         c, lines = closure.misclosure_and_lines(pose)
         a, by = closure.pose_matrix(pose, lines), closure.joint_matrix(pose, lines)
-        free = np.eye(a.shape[1]) - a @ linalg.pinv(a)    # of what poses can take up
+        free = np.eye(a.shape[1]) - a @ linalg.pinv(a)    # what poses cannot absorb
         rows, left = (free @ by)[good], (free @ c[..., None])[good, :, 0]
         step = linalg.pinv(rows.reshape(-1, len(shift))) @ -left.ravel()
         shift = shift + step
@@ -117,7 +117,7 @@ def _shift_of_nominal(model: Model, q: Array) -> Array:
 
 
 def _judged(fit: Fit) -> JointZeros | None:
-    """Return the joints' zeros where a fit with them is sound, and all files have the same."""
+    """Return the joint zeros if a fit with them is sound and all files have the same ones."""
     problem, state = fit.problem, fit.state
     rows = sum(map(len, problem.datasets))
     times = distances(problem, state).times(fit.keep)
@@ -143,7 +143,7 @@ def zeros_elsewhere(problem: Problem) -> tuple[Interpretation, ...]:
     which = found.far if home is None else list(range(len(names)))
     words = ", ".join(f"{names[a]} {found.shift[a] / factor:+.4g} {unit}".rstrip()
                       for a in which for factor, unit in [mechanism.joint_units[a]])
-    off = (f"zeros of joints are off by {words} (to be added to what they read), with which limbs "
+    off = (f"joint zeros are off by {words} (to be added to the readings); with them limbs "
            f"agree to {number(found.times, 2)} times the noise and the geometry is within its "
            "tolerances")
     text = off if home is None else (

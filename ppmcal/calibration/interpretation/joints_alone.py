@@ -1,8 +1,8 @@
-"""Joint values alone that cannot be a machine's: refused before any fit, each with its cause.
+"""Joint values alone that cannot be of the machine: refused before any fit, each with its cause.
 
-Limbs in surplus contradict each other by no more than noise and tolerances explain, in most rows.
-Where they do so by far more, columns are read wrongly, or one limb reads more than the others let
-it be: a rope that was not pulled. Both show against the nominal machine, row by row.
+In most rows, surplus limbs contradict each other by no more than noise and tolerances explain.
+If they do so by far more, columns are read wrongly, or one limb reads longer than the others allow:
+a rope that was not pulled. Both show against the nominal machine, row by row.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import number, pluralize
 
 STILL = 0.01
-"""A joint whose values go less than this part of how far the others go does not move."""
+"""A joint whose travel is below this part of the others' travel does not move."""
 ONE_PLACE = 1e-3
 """Values within this part of the reach are readings at one place."""
 MOSTLY = 0.8
-"""A rope that may be slack in fewer than this part of the rows of another one is not named."""
+"""A rope is not named if it may be slack in fewer than this part of the rows of another one."""
 
 
 def refuse_joints_alone(problem: Problem) -> None:
-    """Refuse rows of joint values alone whose cause shows without a fit.
+    """Refuse rows of joint values alone whose fault shows without a fit.
 
     Raises:
         BadInput: a machine whose limbs cannot hold it, rows at one place, a joint that stands
-            still, ropes that were not pulled. InterpretationError: columns read wrongly, which
-            comes before places and joints that such numbers make, or zeros elsewhere.
+            still, ropes that were not pulled. InterpretationError: columns read wrongly, before
+            faults of places and joints that follow from this, or zeros elsewhere.
     """
     alone = [d for d in problem.datasets if d.kind.blind]
     if not alone or not problem.free:
@@ -83,7 +83,7 @@ def _refuse_slack_at_home(mechanism: Mechanism) -> None:
 
 
 def _travel(mechanism: Mechanism, q: Array) -> Array:
-    """Return how far each joint goes (k,), m at home's transmission."""
+    """Return the travel of each joint (k,), m at home's transmission."""
     own = q[finite_rows(q)]
     if not len(own):
         return np.zeros(q.shape[1])
@@ -118,13 +118,13 @@ def _refuse_still(mechanism: Mechanism, data: Dataset) -> None:
 
 
 def _refuse_slack(rows: AgainstNominal, data: Dataset) -> None:
-    """Refuse limbs that read more than the others let them be, where that explains most rows."""
+    """Refuse limbs that read longer than the others allow, if that explains most rows."""
     mechanism, wrong = rows.model.mechanism, rows.as_read[1] > LANDS
     limbs = mechanism.limbs
     one = mechanism.surplus == 1
     if not mechanism.surplus or len({limb.actuator for limb in limbs}) < len(limbs) or (
             one and not all(limb.kind.pulls_only for limb in limbs)):
-        return    # of one contradiction a row only the sign tells which limb it may be of
+        return    # with one contradiction per row only its sign shows which limbs it may be
     left = np.full((len(limbs), len(rows.q)), np.inf)
     longer = np.zeros_like(left)
     for i in range(len(limbs)):
@@ -132,7 +132,7 @@ def _refuse_slack(rows: AgainstNominal, data: Dataset) -> None:
         pose = rows.pose(part, rows.q[:, driven])
         with np.errstate(invalid="ignore"):
             gap = np.linalg.norm(part.closure(rows.q[:, driven]).lengths(pose), axis=1)
-            # a reading that is too long has the limb's end within its length
+            # if a reading is too long, the limb's end is within its length
             longer[i] = -rows.model.closure(rows.q).lengths(pose)[:, i]
         left[i] = np.where(np.isfinite(gap), gap, np.inf) / rows.allowed
     may = wrong & (left <= LANDS) & (longer > 0.0)
@@ -147,10 +147,10 @@ def _refuse_slack(rows: AgainstNominal, data: Dataset) -> None:
     words = [f"q_{mechanism.actuators[limbs[i].actuator]} in {count[i]} by up to "
              f"{number(longer[i][may[i]].max() / factor, 3)} {unit}" for i in which]
     names = [f"q_{mechanism.actuators[limbs[i].actuator]}" for i in which]
-    told = ("; or ".join(words) + "; of one contradiction a row the sign alone tells, so it may be "
-            "any of these") if one and len(which) > 1 else ", ".join(words)
+    told = ("; or ".join(words) + "; with one contradiction per row only its sign is known, so it "
+            "may be any of these") if one and len(which) > 1 else ", ".join(words)
     raise BadInput(
-        f"limbs read longer than the others let them be in {slack.sum()} of {len(rows.q)} rows "
+        f"limbs read longer than the others allow in {slack.sum()} of {len(rows.q)} rows "
         f"({told}): slack, or with another zero", f"{data.source}: {', '.join(names)}",
-        "Pull every rope tight at each place and measure again, or leave these rows out; where "
+        "Pull every rope tight at each place and measure again, or leave these rows out; if "
         "nothing can be slack, correct the column's zero or unit")

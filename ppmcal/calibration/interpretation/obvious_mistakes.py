@@ -1,4 +1,4 @@
-"""Mistakes that show without any fit: units of the environment, limits, struts, repeated rows."""
+"""Mistakes that show without a fit: units of the environment, limits, struts, repeated rows."""
 
 from __future__ import annotations
 
@@ -26,37 +26,37 @@ from ppmcal.notes import Note
 from ppmcal.wording import abbreviate_list, pluralize
 
 WORKSHOP = (-10.0, 45.0)
-"""Temperatures, deg C, in which machines are measured."""
+"""Temperatures, deg C, at which machines are measured."""
 HEAVIEST = 2000.0
-"""A payload of more than so many kg per metre of reach is none."""
+"""Payloads of more kg per metre of reach than this are implausible."""
 
 
 def recorded_units(data: Dataset, mechanism: Mechanism) -> Iterator[tuple[FileFault, str]]:
-    """Yield the columns of the environment that look like another unit, and that unit."""
+    """Yield the columns of the environment that seem to be in another unit, and that unit."""
     for name, values in data.columns.items():
         known = values[np.isfinite(values)]
         if not known.size or name in data.read.get("units", {}):
-            continue    # a unit that the sidecar gives is believed
+            continue    # the sidecar's unit is trusted
         if name == "temperature" or name.startswith("temperature_"):
             unit = _temperature(known - ZERO_CELSIUS, name == "temperature")
             if unit:
                 low, high = (f"{v - ZERO_CELSIUS:.4g}" for v in (known.min(), known.max()))
                 other = "K" if unit == "K" else "deg F"
                 yield FileFault("unit", (name,),
-                                f"{name} is {low} to {high}: no workshop in deg C, "
-                                f"but in {other}. Where a heated part is measured, "
-                                f"`units: {{{name}: C}}` in its sidecar says so"), unit
+                                f"{name} is {low} to {high}: implausible in deg C, "
+                                f"but not in {other}. For a heated part, write "
+                                f"`units: {{{name}: C}}` into its sidecar"), unit
         elif name == "payload":
             most = float(np.median(known[known > 0.0])) if (known > 0.0).any() else 0.0
             if most > HEAVIEST * mechanism.reach:
-                yield FileFault("unit", (name,), f"payload is about {most:.4g}: more than this "
-                                "machine can bear in kg, but not in g"), "g"
+                yield FileFault("unit", (name,), f"payload is about {most:.4g}: implausible for "
+                                "this machine in kg, but not in g"), "g"
 
 
 def _temperature(celsius: Array, room: bool) -> str:
-    """Return the unit that the values, read as deg C, are likelier in; empty if none.
+    """Return the unit that values, read as deg C, are more likely in; empty if none.
 
-    ``room``: they are the room's. A sensor on a bed or a drive may well read 65 deg C.
+    ``room``: whether they are room temperatures. A sensor on a bed or a drive may read 65 deg C.
     """
     middle = float(np.median(celsius))
     if WORKSHOP[0] <= middle <= WORKSHOP[1] + 5.0:
@@ -75,7 +75,7 @@ def _in_other_units(data: Dataset, mechanism: Mechanism) -> Iterator[Interpretat
 
 
 def refuse_wrong_units(mechanism: Mechanism, datasets: Sequence[Dataset]) -> None:
-    """Refuse columns of the environment that look like another unit.
+    """Refuse columns of the environment that seem to be in another unit.
 
     Raises:
         InterpretationError: with the lines to write into the sidecars.
@@ -89,8 +89,8 @@ def plain_mistakes(data: Dataset, mechanism: Mechanism, others: Sequence[Interpr
                    ) -> Iterator[Interpretation]:
     """Yield mistakes that show without a fit.
 
-    ``others``: misreadings that a search has found; joints outside their limits are not told of
-    columns that one of them concerns, which is why they are outside.
+    ``others``: misreadings found by a search; joints outside their limits are not reported for
+    columns that one of these concerns, since it explains them.
     """
     for mistake in stale(replace(data, unusable=None), mechanism)[1]:
         yield Interpretation(data.source, (mistake,))
@@ -101,9 +101,9 @@ def plain_mistakes(data: Dataset, mechanism: Mechanism, others: Sequence[Interpr
 
 
 def other_zeros(data: Dataset, mechanism: Mechanism) -> tuple[Interpretation, ...]:
-    """Return joints that most rows have outside their limits: counted from another zero.
+    """Return the joints that most rows have outside their limits: counted from another zero.
 
-    Where home is outside too it is the limits that are wrong, and no joint is blamed.
+    If home is outside too, the limits are wrong and no joint is blamed.
     """
     (low, high), home = mechanism.limits.T, home_state(mechanism).q
     return tuple(m for i, part, m in _outside(data, mechanism)
@@ -111,7 +111,7 @@ def other_zeros(data: Dataset, mechanism: Mechanism) -> tuple[Interpretation, ..
 
 
 def _outside(data: Dataset, mechanism: Mechanism) -> Iterator[tuple[int, float, Interpretation]]:
-    """Yield joints that leave their limits, in which part of the rows, and that in words."""
+    """Yield the joints outside their limits, in which part of the rows, and this in words."""
     low, high = mechanism.limits.T
     with np.errstate(invalid="ignore"):
         outside = (data.q < low) | (data.q > high)
@@ -122,23 +122,23 @@ def _outside(data: Dataset, mechanism: Mechanism) -> Iterator[tuple[int, float, 
             f"{pluralize(len(rows), 'row')}", rows),))
 
 
-# --- struts of negative length: only the square is seen, and a fit would take any sign ------------
+# --- struts of negative length: only the square enters, so a fit accepts either sign --------------
 
 NEAR = 0.5
-"""A joint whose middle is within this part of the opposite of its home value is negative."""
+"""A joint with its median within this part of the opposite of its home value is negative."""
 
 
 def _struts(data: Dataset, mechanism: Mechanism) -> list[int]:
-    """Return the joints that are a limb's length, which is seen squared only."""
+    """Return the joints that are a limb's length, which enters squared only."""
     return [limb.actuator for limb in mechanism.limbs
             if data.commanded is None and limb.kind.actuator == "length"
             and not any(s.is_bar for s in limb.kind.slots)]
 
 
 def rows_with_negative_struts(data: Dataset, mechanism: Mechanism) -> Bools:
-    """Return the rows (N,) with a strut's length of the other sign than at home: mistyped ones.
+    """Return the rows (N,) with a strut length of opposite sign to that at home: mistyped ones.
 
-    The pose is as with the right sign, so that no residual shows it; what follows the travel would.
+    The pose is the same for either sign, so that no residual shows it; effects of travel would.
     """
     struts = _struts(data, mechanism)
     return np.asarray((data.q[:, struts] * home_state(mechanism).q[struts] < 0.0).any(axis=1))
@@ -146,7 +146,7 @@ def rows_with_negative_struts(data: Dataset, mechanism: Mechanism) -> Bools:
 
 def with_positive_struts(data: Dataset, mechanism: Mechanism
                          ) -> tuple[Dataset, tuple[FileFault, ...]]:
-    """Return the data with columns of struts turned that are negative, and that as a mistake."""
+    """Return the data with negative struts made positive, and this as a mistake."""
     home, turned = home_state(mechanism).q, []
     for i in _struts(data, mechanism):
         known = data.q[np.isfinite(data.q[:, i]), i]
@@ -163,24 +163,24 @@ def with_positive_struts(data: Dataset, mechanism: Mechanism
                              "lengths of struts, which are not negative at home"),)
 
 
-# --- rows that repeat the row before: an instrument, or a log of joints, that had not moved on ----
+# --- rows that repeat the previous one: an instrument, or a log of joints, that was not updated ---
 #
-# Noise makes it next to impossible that a pose is measured twice with the same digits, and a
-# machine that has moved does not show the joint values of the row before. Where a machine stays, a
-# measurement is stale if it repeats to the last digit and the file's other repeats do not.
+# With noise, a pose measured twice hardly ever gives the same digits, and a machine that has moved
+# does not show the joint values of the previous row. While a machine rests, a measurement is
+# stale if it repeats to the last digit and the file's other repeats do not.
 
 FEWEST = 8
-"""Rows that a data set must have, for its usual step to be known."""
+"""Fewest rows of a data set for its usual step to be known."""
 MOVED = 0.1
-"""A machine has moved that went farther than this part of its usual step."""
+"""A step of more than this part of the usual one is a move."""
 BY_CHANCE = 0.05
-"""Rows expected to repeat by the coarseness of the digits alone: from here on none is stale."""
+"""Expected number of repeats by coarse digits alone above which no row is stale."""
 
 
 def stale(data: Dataset, mechanism: Mechanism) -> tuple[Bools, tuple[FileFault, ...]]:
-    """Return which rows repeat the one before (N,), and that as mistakes.
+    """Return which rows repeat the previous one (N,), and this as mistakes.
 
-    Heights and distances may well come out the same twice: they are not judged.
+    Heights and distances may well be the same twice: they are not judged.
     """
     out = np.zeros(len(data), dtype=bool)
     if not readable(data) or len(data) < FEWEST:
@@ -191,7 +191,7 @@ def stale(data: Dataset, mechanism: Mechanism) -> tuple[Bools, tuple[FileFault, 
     pose_step, joint_step = (np.append(np.nan, np.linalg.norm(np.diff(v, axis=0), axis=1))
                              for v in (measured * scale, data.q))
     next_to = np.append(False, np.diff(data.rows) == 1)
-    # by the file: joint values that stay are what makes rows of one pose otherwise
+    # by the file's labels: otherwise equal joint values alone would make rows one pose
     labels = data.groups if data.labels is None else data.labels
     same_group = np.append(False, np.diff(labels) == 0)
     moved = _moved(joint_step, joint_step)
@@ -201,28 +201,28 @@ def stale(data: Dataset, mechanism: Mechanism) -> tuple[Bools, tuple[FileFault, 
     found = []
     for rows, columns, what, reason in (
             ((pose_step == 0.0) & moved & next_to | resting,
-             [POSE_COORDINATES[c] for c in parts], "the measurement is still that", at_rest),
+             [POSE_COORDINATES[c] for c in parts], "the measurement repeats that", at_rest),
             ((joint_step == 0.0) & _moved(pose_step, pose_step[joint_step != 0.0]) & next_to
              & ~same_group, [f"q_{a}" for a in mechanism.actuators],
-             "the joint values are still those", why)):
-        if rows.any() and rows.mean() < MOST:    # where more repeat, they are meant to
+             "the joint values repeat those", why)):
+        if rows.any() and rows.mean() < MOST:    # if more rows repeat, they are meant to
             out |= rows
             numbers = tuple(data.rows[rows].tolist())
             found.append(FileFault("stale", tuple(columns), f"in {pluralize(len(numbers), 'row')} "
-                                   f"{what} of the row before{reason}", numbers))
+                                   f"{what} of the previous row{reason}", numbers))
     return out, tuple(found)
 
 
 def _same_at_rest(measured: Array, rest: Bools) -> Bools:
-    """Return which measurements (N, m) repeat the one before although noise should show (N,).
+    """Return which measurements (N, m) repeat the previous one although noise should show (N,).
 
-    ``rest``: rows at which the machine had stayed (N,). The other ones tell how often a coordinate
-    comes out the same by itself.
+    ``rest``: rows before which the machine rested (N,). The other ones show how often a coordinate
+    repeats by chance.
     """
     equal = np.concatenate([np.zeros((1, measured.shape[1]), bool), np.diff(measured, axis=0) == 0])
     same = rest & equal.all(axis=1)
     others = rest & ~same & np.isfinite(measured).all(axis=1)
-    # a rate after so many trials, never 0 (Laplace)
+    # estimated rate, never 0 (Laplace)
     chance = float(np.prod((equal[others].sum(axis=0) + 1.0) / (int(others.sum()) + 2.0)))
     if same.sum() >= MOST * rest.sum() or chance * rest.sum() > BY_CHANCE:
         return np.zeros_like(rest)
@@ -230,9 +230,9 @@ def _same_at_rest(measured: Array, rest: Bools) -> Bools:
 
 
 def _moved(step: Array, moves: Array) -> Bools:
-    """Return which steps (N,) are of a machine that moved.
+    """Return which steps (N,) are moves of the machine.
 
-    ``moves``: steps that tell how far it usually goes (M,), without the scatter of repeats.
+    ``moves``: steps that show its usual travel (M,), without the scatter of repeats.
     """
     moving = moves[np.isfinite(moves) & (moves > 0.0)]
     usual = float(np.median(moving)) if moving.size else np.inf
@@ -241,7 +241,7 @@ def _moved(step: Array, moves: Array) -> Bools:
 
 
 def without_stale(datasets: Sequence[Dataset], mechanism: Mechanism) -> tuple[Dataset, ...]:
-    """Return the data sets with their stale rows marked unusable, which findings say."""
+    """Return the data sets with their stale rows marked unusable, with findings on them."""
     out = []
     for data in datasets:
         rows, found = stale(data, mechanism)
@@ -249,7 +249,7 @@ def without_stale(datasets: Sequence[Dataset], mechanism: Mechanism) -> tuple[Da
                      f"{abbreviate_list([str(n) for n in m.rows], data.source, 8)}; left out.",
                      topic="stale rows")
                 for m in found]
-        # data that came here before say so already
+        # data that passed here before already have the finding
         out.append(replace(data.without(rows, "stale: repeats the row before"), findings=tuple(
             dict.fromkeys((*data.findings, *told)))) if found else data)
     return tuple(out)

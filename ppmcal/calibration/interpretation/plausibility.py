@@ -1,4 +1,4 @@
-"""Are the numbers in the units that the files declare? Plain comparisons.
+"""Are the numbers in the units that the files declare? Simple comparisons.
 
 A wrong unit shows as a factor: 1000 (mm against m), 57.3 (deg against rad), 25.4 (in against
 mm). Each finding is one sentence that names file and place, and says how to correct it.
@@ -25,17 +25,17 @@ TURN = 2.0 * np.pi
 TOO_FAR = 3.0
 TOO_LITTLE = 1e-3
 MOST_FAR = 1.0 / 3.0
-"""More rows than this part that are too far away are not typos: the unit is wrong."""
+"""If more than this part of rows is too far away, the unit is wrong, and they are not typos."""
 
 
 def unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
                   sidecar: Callable[[Path], Path] = Path) -> list[Note]:
-    """Return what looks like a wrong unit or a swapped column, as sentences.
+    """Return what looks like a wrong unit or a swapped column, as notes.
 
     Args:
         mechanism: the machine, SI.
         datasets: its measurements, SI.
-        sidecar: names the file that says the units of such a table, for messages.
+        sidecar: names the file with the units of such a table, for messages.
 
     Raises:
         BadInput: the home pose cannot be reached.
@@ -63,7 +63,7 @@ def unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
 
 
 def _directions(mechanism: Mechanism, data: Dataset) -> list[Note]:
-    """Return recorded directions that are not those of the order that the sidecar vouches for."""
+    """Return recorded directions that contradict the row order vouched for by the sidecar."""
     if data.approach != "sequence":
         return []
     whole = data.entire
@@ -95,7 +95,7 @@ def _machine(mechanism: Mechanism) -> list[Note]:
 
 
 def _home_outside(mechanism: Mechanism) -> dict[int, Note]:
-    """Return, by joint, that home itself is outside its limits."""
+    """Return, by joint, a note if home itself is outside its limits."""
     out = {}
     for i, (name, q, bounds, (factor, unit)) in enumerate(zip(
             mechanism.actuators, home_state(mechanism).q.tolist(), mechanism.limits,
@@ -120,7 +120,7 @@ def _beyond(q: Array, bounds: tuple[float, float]) -> NDArray[np.bool_]:
 
 
 def _factor(ratio: float, typical: float = 0.1) -> str:
-    """Name the unit factor that brings a ratio of sizes nearest to ``typical``, or nothing."""
+    """Name the unit factor that brings a ratio of sizes closest to ``typical``, or nothing."""
     off = abs(np.log(ratio / typical))
     near = min(LENGTH_FACTORS, key=lambda f: abs(off - np.log(f)))
     if abs(off - np.log(near)) > np.log(15.0):
@@ -129,7 +129,7 @@ def _factor(ratio: float, typical: float = 0.1) -> str:
 
 
 def _span(values: Array) -> float:
-    """Return the largest extent of the finite values along any axis, 0 where none."""
+    """Return the largest extent of the finite values along any axis, 0 without any."""
     values = values.reshape(len(values), -1)
     out = 0.0
     for column in values.T:
@@ -140,7 +140,7 @@ def _span(values: Array) -> float:
 
 
 def _far(values: Array, limit: float) -> NDArray[np.bool_]:
-    """Return the rows (N,) that are so far from the median row; none where they are many."""
+    """Return the rows (N,) farther than this from the median row; none if there are many."""
     values = values.reshape(len(values), -1)
     values = values[:, np.isfinite(values).any(axis=0)]
     middle = np.nanmedian(values, axis=0) if values.size else 0.0
@@ -156,9 +156,9 @@ def _positions(mechanism: Mechanism, data: Dataset, side: str) -> list[Note]:
         values = np.full(len(data), np.nan)
     far = _far(values, TOO_FAR * reach)
     if far.any():
-        out.append(Note(f"{data.source}: {row_list(data.rows[far] - 1)}: measured {TOO_FAR:g} "
-                        f"times the machine's reach of {reach:.4g} m and more away from the other "
-                        "rows; correct or delete them.", topic="units"))
+        out.append(Note(f"{data.source}: {row_list(data.rows[far] - 1)}: measured more than "
+                        f"{TOO_FAR:g} times the machine's reach of {reach:.4g} m away from the "
+                        "other rows; correct or delete them.", topic="units"))
     span = _span(values[~far])
     commanded = 0.0 if data.commanded is None else _span(data.commanded[:, :3])
     if span > TOO_FAR * reach:
@@ -178,7 +178,7 @@ def _positions(mechanism: Mechanism, data: Dataset, side: str) -> list[Note]:
 
 
 def _rotations(data: Dataset, side: str) -> list[Note]:
-    """A rotation vector of more than a turn is in degrees, not radians."""
+    """A rotation vector of more than a turn is probably in degrees, not radians."""
     size = np.abs(data.rotation[np.isfinite(data.rotation)])
     if size.size and float(np.median(size)) > TURN:
         return [Note(f"{data.source}: columns rx, ry, rz: rotations of "
@@ -216,7 +216,7 @@ def _joint(mechanism: Mechanism, data: Dataset, index: int, place: str, side: st
 
 
 def _near_home(mechanism: Mechanism, q: Array, index: int, place: str) -> list[Note]:
-    """A joint whose values are all much further from its home value than the reach."""
+    """A joint all of whose values are much farther from its home value than the reach."""
     home = mechanism.home_q[index]
     if not np.isfinite(home):
         return []
@@ -233,7 +233,7 @@ def _near_home(mechanism: Mechanism, q: Array, index: int, place: str) -> list[N
 
 
 def _swapped(mechanism: Mechanism, data: Dataset) -> list[Note]:
-    """Two joints that are far from their own home values and near each other's."""
+    """Two joints that are far from their own home values and close to each other's."""
     out = []
     middle = np.array([float(np.median(c[np.isfinite(c)])) if np.isfinite(c).any() else np.nan
                        for c in data.q.T])

@@ -1,10 +1,10 @@
-"""Whether files were read as they were meant: one path for check, identify and diagnose.
+"""Whether files were read as intended: one path for check, identify and diagnose.
 
-Every way to read a file is scored as the file is that stands; the one that changes least of those
-that do as well is what was meant, where it explains more of what is wrong than it leaves. Before
-the fit that is asked of files that the tolerances do not explain, with units of the environment
-and a part of the rows that goes astray; after it of files that leave more than noise or bend the
-geometry, with mistakes in some of the rows. What nothing explains is the file of another machine.
+Every candidate reading of a file is scored like the declared one; of equally good readings, the
+one with the fewest changes was meant, provided it explains more of the error than it leaves. Before
+the fit this is done for files that the tolerances do not explain, along with units of the
+environment and parts of the rows that go astray; after it for files that leave more than noise or
+bend the geometry, along with faults of some rows. A file that nothing explains is another machine's.
 """
 
 from __future__ import annotations
@@ -73,36 +73,36 @@ HINT_ALONE = ("Check the order and signs of the q columns, their units and zeros
 
 
 def _hint(problem: Problem) -> str:
-    """Return what to check of measurements that are far from the machine however they are read."""
+    """Return what to check if measurements are far from the machine under every reading."""
     if problem.blind:
         return HINT_ALONE
     return HINT_AT_JOINT if all(map(of_a_joint, problem.datasets)) else HINT
 
 
 def find_misreading(problem: Problem, index: int) -> Interpretation | None:
-    """Return how one data set is to be read, None where it stands, or where nothing explains it."""
+    """Return how to read one data set instead, None if it is right or nothing explains it."""
     data = problem.datasets[index]
     other = readable(data) or of_a_joint(data)
     return _read_otherwise(problem.alone(data)) if other else None
 
 
 def _read_otherwise(alone: Problem, held: bool = False) -> Interpretation | None:
-    """Return :func:`find_misreading` of the one data set of a problem.
+    """Return :func:`find_misreading` for the single data set of a problem.
 
-    ``held``: its frame is not what the sidecar says but where other data have it.
+    ``held``: its frame is not the sidecar's but that of other data.
     """
     data, as_read = alone.datasets[0], score(alone)
-    # what is read wrongly is wrong in all rows, also in those that have a pose
+    # a misreading affects all rows, including those that have a pose
     if as_read.total <= TELLING or (np.isinf(as_read.total) and as_read.nominal <= LANDS):
         return None
     good = _better(alone, as_read, held)
     if not good:
         return None
     way, best, alternatives = _chosen(good)
-    # what is left may be all that is wrong, in some of the rows; and a fit may explain it as well
+    # the residuals may be due to a fault in some of the rows; and a fit may explain them as well
     if best.total > TELLING and any(True for _ in right_parts(alone)):
         return None
-    # what was fitted as it stands has been held against it
+    # a reading has to be better than a fit of the file as it is read
     if np.isinf(as_read.noise) and not _explains(score(alone, np.inf), best):
         return None
     block, sigma, headers, at = None, dict[str, float](), dict[str, str](), ""
@@ -117,9 +117,9 @@ def _read_otherwise(alone: Problem, held: bool = False) -> Interpretation | None
 
 
 def _better(alone: Problem, as_read: Score, held: bool) -> list[tuple[Way, Score]]:
-    """Return the ways that explain what is wrong; behind one that comes to the noise none is asked.
+    """Return readings that explain the error; the search ends at one with residuals like noise.
 
-    Those would change more. ``held``: the frame cannot be wrong.
+    Later ones would change more. ``held``: the frame cannot be wrong.
     """
     out: list[tuple[Way, Score]] = []
     enough = np.inf
@@ -140,10 +140,10 @@ def _better(alone: Problem, as_read: Score, held: bool) -> list[tuple[Way, Score
 
 def _chosen(good: Sequence[tuple[Way, Score]]
             ) -> tuple[Way, Score, tuple[tuple[FileFault, ...], ...]]:
-    """Return the way that changes least of those as good as the best, its score, and alternatives.
+    """Return the reading with the fewest changes among the best, its score, and alternatives.
 
-    These are of another kind and change no more. What leaves the same to round-off is the same
-    file but for a turn of its frame: the first of the list stands for all.
+    Alternatives are of another kind and change no more. Readings with the same residuals to
+    round-off are the same file up to a rotation of its frame: the first stands for all.
     """
     least = min(s.total for _, s in good)
     near = [g for g in good if g[1].total <= AS_GOOD * least]
@@ -160,12 +160,12 @@ def _chosen(good: Sequence[tuple[Way, Score]]
 
 
 def _explains(as_read: Score, found: Score) -> bool:
-    """Whether a way explains more of what is wrong than it leaves, and enough to be sure."""
+    """Whether a reading explains more of the error than it leaves, and enough to be sure."""
     return as_read.total >= TELLING * found.total and min(as_read.total, WORST) >= found.total**2
 
 
 def _tells(alone: Problem, found: Score) -> bool:
-    """Whether what is left is little beside how far the measurements go."""
+    """Whether the residuals are small relative to the range of the measurements."""
     data = alone.datasets[0]
     for values, left in zip(np.hsplit(shown(data), 2), found.left, strict=True):
         known = values[:, np.isfinite(values).any(axis=0)]
@@ -177,7 +177,7 @@ def _tells(alone: Problem, found: Score) -> bool:
 
 
 def _telling(before: tuple[float, float], after: tuple[float, float]) -> tuple[str, float, float]:
-    """Return the quantity whose miss falls most, of positions and rotations, before and after."""
+    """Return the quantity whose error falls most, position or rotation, before and after."""
     falls = [b / max(a, 1e-300) for b, a in zip(before, after, strict=True)]
     turned = falls[1] > 2.0 * falls[0] or not np.isfinite(after[0])
     return "angle" if turned else "length", before[turned], after[turned]
@@ -189,11 +189,11 @@ def misfit(problem: Problem, part: bool = False) -> Score:
     """Return how far measurements are from a machine, and how they may have been meant.
 
     Args:
-        problem: machine and data; where there are many rows, some of them are looked at.
+        problem: machine and data; with many rows only some of them are examined.
         part: whether other files beside them show how the machine is assembled.
 
     Raises:
-        BadInput: as :meth:`ppmcal.calibration.fit.Problem.start`.
+        BadInput: see :meth:`ppmcal.calibration.fit.Problem.start`.
     """
     turned = [with_positive_struts(d, problem.mechanism) for d in problem.datasets]
     if not any(sign for _, sign in turned):
@@ -207,7 +207,7 @@ def misfit(problem: Problem, part: bool = False) -> Score:
 
 
 def _misfit(problem: Problem, part: bool) -> Score:
-    """Return what :func:`misfit` does, of joints whose signs are right."""
+    """Return :func:`misfit` for joints whose signs are right."""
     try:
         look = Look.at(problem)
     except BadInput:
@@ -219,7 +219,7 @@ def _misfit(problem: Problem, part: bool) -> Score:
     as_read = look.score(0.0)
     if as_read.total <= LANDS:
         return as_read
-    # a way that explains everything needs no fit of what is read wrongly, which is slow
+    # a reading that explains everything saves the fit of a misread file, which is slow
     found = _misreadings(problem) or (() if part else other_assembly(problem))
     if found:
         return replace(as_read, readings=found)
@@ -232,7 +232,7 @@ def _misfit(problem: Problem, part: bool) -> Score:
 
 def _misreadings(problem: Problem, astray: frozenset[int] = frozenset()
                  ) -> tuple[Interpretation, ...]:
-    """Return how data sets are to be read; ``astray``: those that do not fit beside others."""
+    """Return how data sets should be read; ``astray``: those that do not fit beside others."""
     found = {i: m for i in range(len(problem.datasets))
              if (m := find_misreading(problem, i)) is not None}
     return targets_read(problem, found, astray, partial(_read_otherwise, held=True))
@@ -244,18 +244,18 @@ def _other_zeros(problem: Problem) -> tuple[Interpretation, ...]:
 
 @stage("trying other readings")
 def refuse_misread(problem: Problem) -> None:
-    """Refuse measurements that are not of this machine as the files are read.
+    """Refuse measurements that, as the files are read, are not of this machine.
 
     Raises:
-        InterpretationError: neither tolerances nor another geometry explain them, or the first rows
-            do and others do not; it says how they are to be read, where that is found.
-        BadInput: as :func:`refuse_joints_alone`.
+        InterpretationError: neither tolerances nor another geometry explain them, or they explain
+            the first rows but not others; it says how they should be read, if that is found.
+        BadInput: see :func:`refuse_joints_alone`.
     """
     refuse_joints_alone(problem)
     found = misfit(problem)
     log.info("other readings of the files: %s", f"{len(found.readings)} found" if found.readings
              else "none needed" if not found.misread else "none found")
-    # beside more rows of other files those of an encoder would be single mistakes
+    # among more rows of other files those of an encoder would count as single mistakes
     encoders = [problem.alone(d) for d in problem.datasets
                 if of_a_joint(d) and len(problem.datasets) > 1]
     each = [(problem, found), *((alone, misfit(alone, part=True)) for alone in encoders)]
@@ -276,15 +276,15 @@ def _refuse(found: Sequence[Interpretation], problem: Problem) -> None:
 
 
 def refuse_before_fit(problem: Problem, every_column: bool = False) -> None:
-    """Refuse measurements that show without a fit of all rows that they are read wrongly.
+    """Refuse measurements that are recognised as misread without a fit of all rows.
 
     Args:
         problem: machine and data.
-        every_column: columns of the environment count, also where no effect of the machine asks
-            for them.
+        every_column: whether columns of the environment count even if no effect of the machine
+            uses them.
 
     Raises:
-        InterpretationError: with how they are to be read, where that is found.
+        InterpretationError: with how they should be read, if that is found.
     """
     if every_column or problem.mechanism.effects:
         refuse_wrong_units(problem.mechanism, problem.datasets)
@@ -292,10 +292,10 @@ def refuse_before_fit(problem: Problem, every_column: bool = False) -> None:
 
 
 def refuse_after_fit(fit: Fit) -> None:
-    """Refuse measurements that the fit shows to be read wrongly, or some of their rows.
+    """Refuse measurements that the fit shows to be misread, or some of their rows.
 
     Raises:
-        InterpretationError: with how they are to be read.
+        InterpretationError: with how they should be read.
     """
     found = fit_score(fit)
     if found.noise > TELLING or left_out_whole(fit) or found.geometry > FAR:
@@ -304,12 +304,12 @@ def refuse_after_fit(fit: Fit) -> None:
 
 
 def refuse_columns(fit: Fit) -> None:
-    """Refuse measurements that agree better with their columns read in another way.
+    """Refuse measurements that agree better with another reading of their columns.
 
     Raises:
-        InterpretationError: with how they are to be read.
+        InterpretationError: with how they should be read.
     """
-    # what effects leave contradicts a machine as smoothly as a few constants do, which imitate it
+    # unmodelled effects contradict a machine as smoothly as a few constants, which absorb them
     beyond = fit_score(fit).total > WORST**0.5
     if beyond:
         _refuse(zeros_elsewhere(fit.problem), fit.problem)
@@ -320,11 +320,11 @@ def refuse_columns(fit: Fit) -> None:
 
 
 def other_machine(problem: Problem, state: State) -> Interpretation | None:
-    """Return that a geometry is none of this machine's, None where tolerances allow it.
+    """Return that a geometry is not of this machine, None if the tolerances allow it.
 
     A fit with tolerances moves the geometry by about one of them, whatever else is wrong with the
-    data; the file of a sister machine moves it by five to sixty, and often comes to the noise.
-    Zeros of drives have no say, nor has a tolerance that the file does not give. Where the first
+    data; the file of a sister machine moves it by 5 to 60, and often comes down to the noise.
+    Zeros of drives do not count, nor do tolerances that the file does not state. If the first
     or the last rows alone are of this machine, something happened in between, and bent it.
 
     Args:
@@ -348,7 +348,7 @@ def other_machine(problem: Problem, state: State) -> Interpretation | None:
 
 @stage("is it this machine")
 def refuse_other_machine(fit: Fit) -> None:
-    """Refuse a fit, with tolerances as prior, whose geometry is none of this machine's.
+    """Refuse a fit, with tolerances as prior, whose geometry is not of this machine.
 
     Raises:
         InterpretationError: with how far it is from nominal, and where most.
@@ -358,10 +358,10 @@ def refuse_other_machine(fit: Fit) -> None:
 
 
 def refusal(problem: Problem) -> InterpretationError | None:
-    """Return what the refusals say of measurements, None where they let them through.
+    """Return the refusal of measurements, None if they are accepted.
 
-    So is said of a file of which a fit uses hardly a row, although a result would come of it.
-    A fit of all rows is made only where a short one leaves more than noise, or goes far.
+    A file of which a fit uses hardly any row is refused too, although it would give a result.
+    All rows are fitted only if a short fit leaves more than noise, or goes far.
     """
     try:
         refuse_joints_alone(problem)
@@ -374,7 +374,7 @@ def refusal(problem: Problem) -> InterpretationError | None:
     except InterpretationError as error:
         return error
     if score(problem, np.inf).total > TELLING:
-        # a fit that cannot be had tells nothing of the file
+        # a fit that fails says nothing about the file
         with suppress(PpmcalError):
             try:
                 fit = identify(problem)

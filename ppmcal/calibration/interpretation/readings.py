@@ -1,9 +1,9 @@
-"""A way to read a measurement file: the data that it makes, what is wrong then, and its correction.
+"""A reading of a measurement file: the data that it gives, the mistakes it implies, the correction.
 
-A measurement file is numbers under names. The same numbers read in another way are another
+A measurement file is numbers under names. The same numbers under another reading are another
 campaign. Order of reading: columns, signs, units, convention of rotations, mirrored axis, inverse
-pose, shift of rows (contract, section 6). The correction is the block ``read`` of the sidecar as a
-whole: what it already says, and what was found.
+pose, shift of rows (contract, section 6). The correction is the whole block ``read`` of the
+sidecar: its present entries together with those found.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class ReadColumns:
-    """ReadColumns of one sort, of joints, places or rotations, and how they are read.
+    """Columns of one sort (joints, positions or rotations) and how they are read.
 
     Attributes:
         names: of the k columns; ``own``: which of them such a machine's files have.
-        declared, factors: their units by the file, and the SI values of these; 1 of a bare number.
+        declared, factors: their units in the file, and the SI values of these; 1 for bare numbers.
         order: column i stands under the name of ``order[i]``.
-        signs: +1 or -1 on it; ``units``: that it is in, empty where the declared one.
+        signs: +1 or -1 on it; ``units``: its unit, empty if the declared one.
     """
 
     names: tuple[str, ...]
@@ -60,40 +60,40 @@ class ReadColumns:
     @classmethod
     def as_declared(cls, names: Sequence[str], own: Sequence[int], declared: Sequence[str],
                     factors: Sequence[float]) -> ReadColumns:
-        """Return columns that are what the file says."""
+        """Return columns read as the file says."""
         k = len(names)
         return cls(tuple(names), tuple(own), tuple(declared), tuple(factors), tuple(range(k)),
                    (1,) * k, ("",) * k)
 
     def of(self, values: Array) -> Array:
-        """Return the values (N, k) of a file that was read as ``values``."""
+        """Return the values (N, k), read in this way, of a file that was read as ``values``."""
         si, order = np.array(self.factors), list(self.order)
         unit = [UNITS[u] / d if u else 1.0 for u, d in zip(self.units, self.factors, strict=True)]
-        # a column's raw number, times the unit of the name that it now belongs to
+        # a column's raw number, times the unit of the name to which it is assigned
         return np.asarray(values[:, order] * (si / si[order] * self.signs * unit))
 
     @property
     def moved(self) -> tuple[int, ...]:
-        """Those that stand in another one's place."""
+        """Columns that stand in the place of another."""
         return tuple(i for i in self.own if self.order[i] != i)
 
     @property
     def turned(self) -> tuple[str, ...]:
-        """Names of those with the other sign."""
+        """Names of columns with the other sign."""
         return tuple(n for n, s in zip(self.names, self.signs, strict=True) if s < 0)
 
     @property
     def parts(self) -> float:
-        """How many things are read in another way; an order is one, and a little by column."""
+        """Number of changes; an order is one, plus a little per column."""
         moved = len(self.moved)
         return (moved > 0) + 0.1 * moved + _minority(self.signs, 1) + _minority(self.units, "")
 
     def mistakes(self, permuted: str, sign: FileFault | None = None) -> Iterator[FileFault]:
-        """Yield what is wrong: places, signs, and each unit that is not the declared one.
+        """Yield the mistakes: places, signs, and each unit other than the declared one.
 
         Args:
-            permuted: kind of mistake of columns that stand in other places.
-            sign: what other signs mean, where they mean more than that.
+            permuted: kind of mistake for columns in other places.
+            sign: what other signs mean, if more than that.
         """
         if self.moved:
             names = [self.names[i] for i in self.moved]
@@ -112,20 +112,20 @@ class ReadColumns:
 
 
 def _unit_words(unit: str) -> str:
-    """Return a unit as it stands behind ``in``."""
+    """Return a unit as written after ``in``."""
     return "inches" if unit == "in" else unit
 
 
 def _said(block: Mapping[str, T], name: str, usual: T) -> T:
-    """Return what a block says of a column, by its name or a pattern."""
+    """Return the entry of a block for a column, by its name or a pattern."""
     return next((v for pattern, v in block.items() if fnmatchcase(name, pattern)), usual)
 
 
 def _as_stated(data: Dataset, names: Sequence[str], own: Sequence[int], usual: Sequence[str],
                factors: Sequence[float]) -> ReadColumns:
-    """Return columns that are what the file says, in the units that header or sidecar gives them.
+    """Return columns read as the file says, in the units of header or sidecar.
 
-    ``usual``, ``factors``: those of the file, and their SI values.
+    ``usual``, ``factors``: the units of the file, and their SI values.
     """
     said = [data.headed[n][1] if n in data.headed else _said(
         data.read.get("units", {}), data.own_column(n), "") for n in names]
@@ -136,9 +136,9 @@ def _as_stated(data: Dataset, names: Sequence[str], own: Sequence[int], usual: S
 
 def _stated(old: Mapping[str, Any], changes: Mapping[str, Any], names: Sequence[str]
             ) -> dict[str, Any]:
-    """Return what a block says of columns, with changes of some put into it.
+    """Return a block's entries for columns, with some changed.
 
-    A pattern that one of these is of is changed if all of its columns are, else they are named.
+    A pattern that matches changed columns is changed if all its columns are, else they are named.
     """
     out, hit = dict[str, Any](), set[str]()
     for pattern, value in old.items():
@@ -151,7 +151,7 @@ def _stated(old: Mapping[str, Any], changes: Mapping[str, Any], names: Sequence[
 
 
 def _minority(values: Sequence[object], usual: object) -> int:
-    """Return how many differ from the usual; all of them alike count as one mistake."""
+    """Return how many values differ from the usual; all of them alike count as one mistake."""
     other = [v for v in values if v != usual]
     return 1 if len(other) == len(values) > 1 and len(set(other)) == 1 else len(other)
 
@@ -163,19 +163,19 @@ def with_verb(names: Sequence[str], one: str, several: str) -> str:
 
 
 def readable(data: Dataset) -> bool:
-    """Whether a data set can be read otherwise: poses or positions at given joint values."""
+    """Whether a data set has other readings: poses or positions at given joint values."""
     return not data.kind.scalar and data.kind.of_poses and data.commanded is None
 
 
 def of_a_joint(data: Dataset) -> bool:
-    """Whether a data set is what an encoder at a joint read, at given joint values."""
+    """Whether a data set was read by an encoder at a joint, at given joint values."""
     return data.kind.placed is not None and data.commanded is None
 
 
 def at_joint(data: Dataset, kind: InstrumentKind) -> Dataset:
-    """Return a data set as it is read where its encoder is at another joint, ``kind``.
+    """Return a data set as read if its encoder is at another joint, ``kind``.
 
-    What the file's numbers mean goes with the joint: angles of a turn, lengths of a slide.
+    The meaning of the numbers depends on the joint: angles of a revolute, lengths of a prismatic.
     """
     factor = data.units.factor(kind.quantity) / data.units.factor(data.kind.quantity)
     return replace(data, kind=kind, value=data.value * factor,
@@ -185,15 +185,15 @@ def at_joint(data: Dataset, kind: InstrumentKind) -> Dataset:
 
 @dataclass(frozen=True)
 class ColumnInterpretation:
-    """A way to read one file of poses, of positions, or of an encoder at a joint.
+    """A reading of one file of poses, of positions, or of an encoder at a joint.
 
     Attributes:
-        joints, places, turns, numbers: how its columns are read, those of one number last.
-        convention: in which its rotations were read so far; ``rotation``: what they hold instead.
+        joints, places, turns, numbers: how its columns are read, single-value ones last.
+        convention: in which its rotations were read so far; ``rotation``: the right one, if other.
         mirror: an axis of the instrument that points the other way.
-        inverse: the poses are those of the measuring frame, seen from the platform.
-        shift: the measured columns are so many rows late.
-        kind: the instrument at another joint than the sidecar says.
+        inverse: whether the poses are those of the measuring frame, seen from the platform.
+        shift: by how many rows the measured columns are late.
+        kind: the instrument, if at another joint than the sidecar says.
     """
 
     joints: ReadColumns
@@ -209,7 +209,7 @@ class ColumnInterpretation:
 
     @classmethod
     def as_declared(cls, mechanism: Mechanism, data: Dataset) -> ColumnInterpretation:
-        """Return the reading of a file that is what its sidecar says."""
+        """Return the reading of a file as its sidecar says."""
         planar, units = mechanism.motion.planar, data.units
         turns = QUATERNION[:3] if data.convention in QUATERNIONS else TURNS
         number = [data.kind.number] if of_a_joint(data) else []
@@ -234,12 +234,12 @@ class ColumnInterpretation:
 
     @property
     def at(self) -> str:
-        """The joint that the instrument is at, where that is another one; else empty."""
+        """The joint of the instrument, if another than declared; else empty."""
         return "" if self.kind is None else self.kind.at
 
     @property
     def parts(self) -> float:
-        """How many things are read in another way; an axis is sooner mirrored than exchanged."""
+        """Number of changes; a mirrored axis is preferred to exchanged ones."""
         return (sum(sort.parts for sort in self.sorts) + bool(self.rotation)
                 + bool(self.mirror) + self.inverse + (self.shift != 0) + (self.kind is not None))
 
@@ -265,7 +265,7 @@ class ColumnInterpretation:
                 else (position, rotation))
 
     def mistakes(self, data: Dataset) -> tuple[FileFault, ...]:
-        """Return what this way says is wrong in a file."""
+        """Return the mistakes of a file that this reading implies."""
         measured = (*AXES, *TURNS) if data.kind.sees_rotation else AXES
         written_in = QUATERNION if self.convention in QUATERNIONS else TURNS
         left, back, late = self.places.turned, self.turns.turned, self.shift > 0
@@ -282,8 +282,8 @@ class ColumnInterpretation:
             out.append(FileFault("rotation", written_in, f"{', '.join(written_in)} hold "
                                  f"{_in_words(self.rotation)}, not {_in_words(self.convention)}"))
         out += self.turns.mistakes("exchanged", FileFault(
-            "rotation", written_in, "the rotations are inverse (transposed): the measuring "
-            "frame's turn seen from the platform") if len(back) == 3 else None)
+            "rotation", written_in, "the rotations are inverse (transposed): the rotation of the "
+            "measuring frame seen from the platform") if len(back) == 3 else None)
         if self.inverse:
             out.append(FileFault("inverse", measured, "the poses are inverse: the measuring frame "
                                  "seen from the platform"))
@@ -298,10 +298,10 @@ class ColumnInterpretation:
         return tuple(out)
 
     def block(self, data: Dataset) -> dict[str, Any]:
-        """Return the sidecar's block ``read`` with which the file is read in this way.
+        """Return the sidecar's block ``read`` for this reading.
 
-        What the sidecar says already stays, and is put together with what was found; empty where
-        :meth:`headers` are all that is to be changed.
+        Present entries of the sidecar stay and are merged with those found; empty if only
+        :meth:`headers` have to be changed.
         """
         out = self._block(data)
         joints, places, turns, numbers = (
@@ -310,9 +310,9 @@ class ColumnInterpretation:
         return {} if (self.headers(data) or self.kind) and out == as_is else out
 
     def headers(self, data: Dataset) -> dict[str, str]:
-        """Return the file's headers with a wrong unit in them, and how to write each.
+        """Return the file's headers that contain a wrong unit, and their replacements.
 
-        Header and sidecar must not name two units.
+        Header and sidecar must not name different units.
         """
         return {header: with_unit(header, unit) for sort in self.sorts
                 for i in sort.own for unit in [sort.units[i]]
@@ -352,18 +352,18 @@ class ColumnInterpretation:
         return {key: value for key, value in out.items() if value}
 
     def sigma(self, data: Dataset, left: tuple[float, float]) -> dict[str, float]:
-        """Return the sigma that a sidecar is to state where columns are in another unit than it.
+        """Return the sigma for a sidecar whose columns are in another unit than declared.
 
-        It goes with the columns where what is left agrees better with the noise then: nobody
-        writes values in one unit and their sigma in another, but instruments' makers state theirs
-        in mm.
+        Its unit follows the columns if the residuals then agree better with the noise: nobody
+        writes values in one unit and their sigma in another, but makers of instruments state
+        sigma in mm.
 
         Args:
             data: as it is read now.
-            left: median misses of positions and rotations that a fit of it read so leaves, m, rad.
+            left: median errors of positions and rotations after a fit with this reading, m, rad.
 
         Returns:
-            Entries of ``instrument.sigma``, in the sidecar's units; empty where they stay.
+            Entries of ``instrument.sigma``, in the sidecar's units; empty if unchanged.
         """
         out: dict[str, float] = {}
         turned = bool(self.numbers.own) and data.kind.quantity == "angle"
@@ -383,7 +383,7 @@ class ColumnInterpretation:
 
 
 def _in_words(convention: str) -> str:
-    """Return what rotation columns hold, in words."""
+    """Return the contents of rotation columns, in words."""
     if convention.startswith("euler-"):
         order = convention.removeprefix("euler-")
         axes = "fixed" if order.islower() else "moving"

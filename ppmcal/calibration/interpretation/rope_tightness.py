@@ -1,7 +1,7 @@
-"""Ropes that were slack in rows of a fit: they would have to push, or read longer than they are.
+"""Ropes that were slack in rows of a fit: they would have to push, or read too long.
 
-A slack rope's reading can only be longer than its ends are apart, in each row by as much as it
-likes. That is asked of every rope where residuals exceed the noise or rows were left out.
+The reading of a slack rope exceeds the distance of its ends, in each row by any amount. Every rope
+is tested for this if residuals exceed the noise or rows were left out.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ from ppmcal.notes import FINDING, Note
 from ppmcal.wording import number, row_list
 
 MOST_ROWS = 1500
-"""Readings that are too long are looked for in at most so many rows, evenly spread."""
+"""Maximum number of rows searched for readings that are too long, evenly spread."""
 ROUNDS = 4
-"""Rows are made anew, with readings as they are found, so often."""
+"""Number of times that rows are recomputed with the readings found."""
 
 
 def slack_ropes(fit: Fit) -> Iterator[Note]:
-    """Yield which ropes were slack: those that would have to push, and those that read long."""
+    """Yield the ropes that were slack: those that would have to push, and those that read long."""
     yield from _pushing(fit)
     yield from _long(fit)
 
 
 def _pushing(fit: Fit) -> Iterator[Note]:
-    """Yield, of each file, the ropes whose tension is negative, as measured or by the load."""
+    """Yield, for each file, the ropes with negative tension, as measured or from the load."""
     mechanism = fit.problem.mechanism
     ropes = sorted({limb.actuator for limb in mechanism.limbs if limb.kind.pulls_only})
     if not ropes:
@@ -57,18 +57,18 @@ def _pushing(fit: Fit) -> Iterator[Note]:
                 least = number(float(own[slack].min()), 3)
                 yield Note(
                     f"{data.name}: {mechanism.actuators[a]} would have to push in "
-                    f"{row_list(data.rows[slack] - 1)} (down to {least} N): a rope is "
-                    "slack there, and its reading says nothing. Leave these rows out, or "
-                    "load the platform so that all ropes pull.", FINDING, "slack")
+                    f"{row_list(data.rows[slack] - 1)} (down to {least} N): a rope is slack "
+                    "there, and its reading is meaningless. Leave these rows out, or load the "
+                    "platform so that all ropes pull.", FINDING, "slack")
 
 
 # --- readings that are too long -------------------------------------------------------------------
 
 @dataclass(frozen=True, eq=False)
 class _Tight:
-    """A problem whose readings of one rope are as short as was found, and where it stands.
+    """A problem with one rope's readings shortened as found, and its state.
 
-    ``longer``: what was taken off, by data set (N,), m; ``moved``: open columns since the fit (C,).
+    ``longer``: shortening by data set (N,), m; ``moved``: step of open columns since the fit (C,).
     """
 
     problem: Problem
@@ -79,7 +79,7 @@ class _Tight:
 
 @dataclass(frozen=True, eq=False)
 class _LongRope:
-    """A limb that reads long: in which rows of which data set (n,), and how sure that is."""
+    """A limb that reads long: in which rows of which data set (n,), and how certain that is."""
 
     limb: int
     dataset: Ints
@@ -88,7 +88,7 @@ class _LongRope:
 
 
 def _long(fit: Fit) -> Iterator[Note]:
-    """Yield, of each file, the ropes that read longer than they are, in rows left out as well."""
+    """Yield, for each file, the ropes that read too long, in left-out rows as well."""
     mechanism, datasets = fit.problem.mechanism, fit.problem.datasets
     limbs = [i for i, limb in enumerate(mechanism.limbs) if limb.kind.pulls_only and sum(
         other.actuator == limb.actuator for other in mechanism.limbs) == 1]
@@ -106,7 +106,7 @@ def _long(fit: Fit) -> Iterator[Note]:
     best = max(found, key=lambda rope: rope.found.log_odds)
     if min(best.found.log_odds, best.found.beyond) < sure:
         return
-    # of one contradiction a row only how lengths are spread would tell which rope it is of
+    # with one contradiction per row only the spread of lengths could tell which rope it is
     apart = np.inf if fit.problem.blind and mechanism.surplus == 1 else sure
     others = [r for r in found if r is not best
               and r.found.log_odds > best.found.log_odds - apart and r.found.beyond > 0.0]
@@ -125,21 +125,21 @@ def _told(fit: Fit, i: int, best: _LongRope, others: Sequence[_LongRope], off: B
     which = f"one of {', '.join(names)}" if others else names[0]
     by = f"if {mechanism.limbs[best.limb].name}, by" if others else "by"
     sizes = f"{by} {number(float(length.min()), 3)} to {number(float(length.max()), 3)} {unit}"
-    noise = f"with which what is left is {number(best.found.noise, 3)} times the noise"
+    noise = f"which leaves residuals of {number(best.found.noise, 3)} times the noise"
     if length.size == count and len(fit.problem.datasets) > 1:
         return Note(f"{data.name}: {which} reads long in every row ({sizes}), {noise}: another "
-                    "zero than in the other files, or slack all the time? Of another zero, write "
+                    "zero than in the other files, or slack all the time? If another zero, write "
                     "`homing: per-file` into the sidecar; else pull every rope tight and measure "
                     "again.", FINDING, "slack")
     return Note(
         f"{data.name}: {which} reads long in {length.size} of {count} rows "
         f"({row_list(data.rows[best.row[off]] - 1)}; {sizes}), {noise}: slack? A slack rope reads "
-        "longer than its ends are apart, and says nothing. Pull every rope tight and measure "
+        "longer than its ends are apart, which is meaningless. Pull every rope tight and measure "
         "again, or leave these rows out.", FINDING, "slack")
 
 
 def _long_rope(fit: Fit, limb: int, keep: Sequence[Bools], known: float) -> _LongRope | None:
-    """Return in which rows one limb reads long, None where that explains nothing."""
+    """Return in which rows one limb reads long, None if that explains nothing."""
     problem = fit.problem
     weight = prior_weights(problem, "prior")
     scale = np.where(weight > 0.0, reciprocals(weight), float(WIDE) * column_scale(problem))
@@ -158,7 +158,7 @@ def _long_rope(fit: Fit, limb: int, keep: Sequence[Bools], known: float) -> _Lon
 
 
 def _from_nominal(at: _Tight, scale: Array) -> Array:
-    """Return how far a state is from what its priors say, in their units (C,)."""
+    """Return how far a state is from its priors, in their units (C,)."""
     problem = at.problem
     out = at.moved / scale
     for c, p in enumerate(problem.free):
@@ -168,10 +168,10 @@ def _from_nominal(at: _Tight, scale: Array) -> Array:
 
 def _white(at: _Tight, limb: int, keep: Sequence[Bools], scale: Array
            ) -> tuple[Array, Array, Array, Ints, Ints]:
-    """Return white rows (N, m) taken back to nominal and to what was read, and how they move.
+    """Return white rows (N, m) referred to nominal and to the readings, and their derivatives.
 
-    With parameters (N, m, C) in units of ``scale``, and with a reading (N, m, 1), per m; and of
-    which data set and row (N,) they are.
+    By parameters (N, m, C) in units of ``scale``, and by a reading (N, m, 1), per m; and the
+    data set and row (N,) of each.
     """
     back, parts = _from_nominal(at, scale), []
     for rows in at.problem.rows(at.state, True, keep):
@@ -191,7 +191,7 @@ def _white(at: _Tight, limb: int, keep: Sequence[Bools], scale: Array
 
 
 def _tightened(fit: Fit, at: _Tight, rope: _LongRope, scale: Array) -> _Tight:
-    """Return the problem with a limb's readings as short as they are found to be."""
+    """Return the problem with a limb's readings shortened as found."""
     mechanism, found = fit.problem.mechanism, rope.found
     ratio, actuator = mechanism.limb_ratios[rope.limb], mechanism.limbs[rope.limb].actuator
     longer, data = [], []

@@ -1,4 +1,4 @@
-"""Whether ropes can hold the platform where the mechanism file has its home."""
+"""Whether ropes can hold the platform at the mechanism file's home."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ HINT = "Check the anchors, `gravity` and the home pose"
 
 
 def not_held_at_home(mechanism: Mechanism) -> str:
-    """Return that ropes can hold the platform neither against each other nor its weight at home.
+    """Return that ropes cannot hold the platform at home, neither by each other nor by its weight.
 
-    Empty where they can, and of machines that are not of ropes in surplus alone.
+    Empty if they can, and for machines other than those of surplus ropes alone.
     """
     if not mechanism.surplus or not all(limb.kind.pulls_only for limb in mechanism.limbs):
         return ""
@@ -27,7 +27,7 @@ def not_held_at_home(mechanism: Mechanism) -> str:
     anchors = joint_points(mechanism)[0]
     rank = range_basis(anchors - anchors.mean(axis=0), least=1e-6 * mechanism.reach).shape[1]
     where = {0: "point", 1: "line", 2: "plane"}[rank] if rank < mechanism.motion.axes else ""
-    return ("the ropes cannot hold the platform at home: not all of them can pull, neither "
+    return ("the ropes cannot hold the platform at home: they cannot all pull, neither "
             "against each other nor with its weight" + bool(where) * (
                 f". Their anchors lie in one {where}, and home is not where the platform hangs "
                 "from it"))

@@ -1,10 +1,10 @@
-"""How well a file fits its machine, read in some way: one number, from few rows.
+"""How well a file fits its machine under some reading: one number, from few rows.
 
-The rows are registered as well as can be and compared with the nominal machine, against what the
-stated noise *and* the tolerances explain: V = I + J T^2 J^T in units of the noise, T the
-tolerances. Where that is not hopeless a short robust fit, with the tolerances as prior, says what
+The rows are registered as well as possible and compared with the nominal machine, relative to what
+the stated noise *and* the tolerances explain: V = I + J T^2 J^T in units of the noise, T the
+tolerances. Unless that is hopeless, a short robust fit, with the tolerances as prior, gives the
 noise it leaves and how far it bends the geometry; both together are the score. Before the fit half
-of the rows tell, which is all that is asked of a start; what it leaves is asked of all of them.
+of the rows decide, which is enough for a start; the residuals of the fit count in all of them.
 """
 
 from __future__ import annotations
@@ -42,23 +42,23 @@ from ppmcal.units import Units
 
 ROWS, ITERATIONS = 48, 10
 PARTS = 3
-"""A third of the rows, the first or the last, is looked at alone where nothing explains all."""
+"""The first or the last of so many parts of the rows is examined alone if nothing explains all."""
 OFFSET = "offset"
 
 
 @dataclass(frozen=True)
 class Score:
-    """What a way to read a file leaves.
+    """Score of a reading of a file.
 
     Attributes:
-        nominal: times what noise and tolerances explain, without a fit; half of the rows are
-            farther off.
-        miss: positions, m, and rotations, rad, so too; nan where not measured.
+        nominal: distance without a fit over what noise and tolerances explain; half of the rows
+            are farther off.
+        miss: the same for positions, m, and rotations, rad; nan where not measured.
         lost: rows without a pose, of ``rows``; gross: part of them that are gross errors.
-        before, noise: times the noise, all rows (:func:`all_rows`), before and after a short fit;
-            geometry: by how many tolerances that moves it.
+        before, noise: residuals of all rows over the noise (:func:`all_rows`), before and after a
+            short fit; geometry: by how many tolerances that moves it.
         left: as ``miss``, after the fit.
-        readings: how the files are to be read instead, where that explains everything.
+        readings: how the files should be read instead, if that explains everything.
     """
 
     nominal: float = np.inf
@@ -74,7 +74,7 @@ class Score:
 
     @property
     def total(self) -> float:
-        """Times what is left by the right machine, read rightly; 1 at best."""
+        """Score relative to that of the right machine, read rightly; 1 at best."""
         if self.lost > MOST * self.rows:
             return np.inf
         if np.isfinite(self.noise):
@@ -88,30 +88,31 @@ class Score:
 
     @property
     def misread(self) -> bool:
-        """Whether neither tolerances nor, by a short fit, another geometry explain the rows."""
+        """Whether neither tolerances nor, in a short fit, another geometry explain the rows."""
         hopeless = max(WORST**0.5, HARDLY_LESS * self.before) < self.noise < np.inf
         return bool(self.readings) or hopeless
 
     def sentence(self, units: Units) -> str:
-        """Return what was seen of a machine, in file units."""
+        """Return the disagreement with a machine, in file units."""
         parts = [f"{value / units.factor(quantity):.3g} {units.name(quantity)}"
                  for value, quantity in zip(self.miss, ("length", "angle"), strict=True)
                  if np.isfinite(value)]
         lost = f"; {self.lost} of {self.rows} rows have no pose at all" if self.lost else ""
         far = f"{self.nominal:.3g} times what tolerances and noise explain"
-        rows = ("measurements do not fit this machine: registered as well as can be, half of the "
-                f"rows miss by more than {' and '.join(parts)}, {far}" if parts else
-                f"joint values do not fit this machine: half of the rows miss by more than {far}")
-        return (f"the {rows}{lost}; other dimensions of the machine still leave "
+        rows = ("measurements do not fit this machine: with the best registration half of the "
+                f"rows are off by more than {' and '.join(parts)}, {far}" if parts else
+                "joint values do not fit this machine: half of the rows are off by more than "
+                f"{far}")
+        return (f"the {rows}{lost}; fitting the machine's dimensions still leaves "
                 f"{self.noise:.3g} times the noise")
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """Few rows of a problem, every parameter free that has a tolerance.
+    """A few rows of a problem, with every parameter free that has a tolerance.
 
     Raises:
-        BadInput: as :meth:`ppmcal.calibration.fit.Problem.start`.
+        BadInput: see :meth:`ppmcal.calibration.fit.Problem.start`.
     """
 
     problem: Problem
@@ -119,7 +120,7 @@ class Look:
 
     @classmethod
     def at(cls, problem: Problem) -> Look:
-        """Return the look at a problem."""
+        """Return a few rows of a problem."""
         problem = toleranced(problem)
         keep = subsample([np.ones(len(d), dtype=bool) for d in problem.datasets], ROWS)
         few = replace(problem, earlier=None, datasets=tuple(
@@ -134,7 +135,7 @@ class Look:
 
     @cached_property
     def explained(self) -> Distances:
-        """How far rows are from the nominal machine, freed of what tolerances explain."""
+        """Distances of rows from the nominal machine, less what tolerances explain."""
         return explained_distances(self.problem, self.state)
 
     @cached_property
@@ -144,7 +145,7 @@ class Look:
 
     @property
     def sound(self) -> list[Bools]:
-        """The others: values typed wrong say nothing of how a file is read, if they are few."""
+        """The other rows: a few mistyped values say nothing about how a file is read."""
         gross, posed = (sum(int(k.sum()) for k in keep) for keep in (self.gross, self.posed))
         if gross > float(MOST_GROSS) * posed:
             return self.posed
@@ -166,7 +167,7 @@ class Look:
             values, self.posed, strict=True)]) for values in (found.square, found.size))))
 
     def score(self, lands: float = LANDS) -> Score:
-        """Return the score, without a fit where the nominal machine is farther off than this."""
+        """Return the score, without a fit if the nominal machine is farther off than ``lands``."""
         lost, gross = (sum(int(k.sum()) for k in rows)
                        for rows in ([~k for k in self.posed], self.gross))
         rows = sum(k.size for k in self.posed)
@@ -181,14 +182,14 @@ class Look:
 
 
 def all_rows(square: Array, size: Array) -> Array:
-    """Return times the noise that rows are off together (...): the mean of their logarithms.
+    """Return residuals of all rows over the noise (...): the exponential of their mean log.
 
-    That is the likelihood where each row has noise of its own size, the stated one or any larger.
-    Single rows may be far off; a way that is right for half of the rows only leaves the others,
-    which a median would not see: poses that were visited twice are read rightly so a row late.
+    That is the likelihood if each row has noise of its own size, the stated one or any larger.
+    Single rows may be far off; but a reading that is right for only half of the rows leaves the
+    others, which a median would miss: poses visited twice would fit with a shift by one row.
 
     Args:
-        square: squared distances over the noise (..., n), nan where there is none.
+        square: squared distances over the noise (..., n), nan without one.
         size: number of coordinates behind them (..., n).
     """
     away = np.maximum(1.0, square / chdtri(np.maximum(size, 1.0), 0.5))
@@ -198,14 +199,14 @@ def all_rows(square: Array, size: Array) -> Array:
 
 
 def score(problem: Problem, lands: float = LANDS) -> Score:
-    """Return the score of a problem; an infinite one where it cannot be had."""
+    """Return the score of a problem; an infinite one if it cannot be computed."""
     with suppress(PpmcalError):
         return Look.at(problem).score(lands)
     return Score()
 
 
 def medians(problem: Problem, state: State) -> tuple[float, float]:
-    """Return the median miss of positions, m, and rotations, rad; nan where not measured."""
+    """Return the median errors of positions, m, and rotations, rad; nan where not measured."""
     out: dict[bool, list[float]] = {False: [], True: []}
     for rows in problem.rows(state, False):
         places = np.array(coordinates(problem.datasets[rows.dataset], problem.mechanism.motion))
@@ -218,7 +219,7 @@ def medians(problem: Problem, state: State) -> tuple[float, float]:
 
 
 def tolerances_away(problem: Problem, state: State) -> dict[str, float]:
-    """Return by how many tolerances the geometry is from nominal, zeros of drives left out."""
+    """Return by how many tolerances the geometry is from nominal, without zeros of drives."""
     out = {}
     for i in problem.free:
         parameter = problem.mechanism.parameters[i]
@@ -243,17 +244,17 @@ def end_parts(problem: Problem, lands: float) -> Iterator[tuple[Dataset, Ints, S
 def right_parts(problem: Problem) -> Iterator[tuple[Dataset, Ints]]:
     """Yield data sets and their first or last rows that fit alone: something happened in between.
 
-    What is read wrongly is wrong from the first row to the last.
+    A misreading would affect all rows, from the first to the last.
     """
     return ((data, part) for data, part, alone in end_parts(problem, 0.0) if alone.total <= LANDS)
 
 
-# --- many ways at once, to first order ------------------------------------------------------------
+# --- many readings at once, to first order --------------------------------------------------------
 
 def read_in_ways(data: Dataset, rows: Ints, readings: Sequence[ColumnInterpretation]) -> Dataset:
-    """Return some rows of a data set read in every way, one after another (R n,).
+    """Return some rows of a data set in every reading, one after another (R n,).
 
-    A shift takes the measurement of other rows of the file, which have to be there.
+    A shift takes the measurement of other rows of the file, which have to exist.
     """
     own = data.take(rows)
     read = [replace(r, shift=0).of(replace(own, position=data.position[rows + r.shift],
@@ -265,17 +266,17 @@ def read_in_ways(data: Dataset, rows: Ints, readings: Sequence[ColumnInterpretat
 
 
 def first_order_scores(problem: Problem, readings: Sequence[ColumnInterpretation]) -> Array:
-    """Return the scores (R,) of one data set with its measured columns read in other ways.
+    """Return the scores (R,) of one data set under other readings of its measured columns.
 
-    The machine stays where it is to first order: what the columns of a fit with the tolerances as
-    prior cannot explain of the residuals, and how far it would move. Infinite where few rows tell.
+    The machine is linearised: the part of the residuals that a fit with the tolerances as
+    prior cannot explain, and how far it would move. Infinite if too few rows are usable.
 
     Args:
         problem: of one data set.
         readings: without other joint columns; the first is the present one.
 
     Raises:
-        BadInput: as :meth:`ppmcal.calibration.fit.Problem.start`.
+        BadInput: see :meth:`ppmcal.calibration.fit.Problem.start`.
     """
     look, (data,), count = Look.at(problem), problem.datasets, len(readings)
     few, state, edge = look.problem, look.state, max(abs(r.shift) for r in readings)

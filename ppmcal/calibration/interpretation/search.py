@@ -1,11 +1,11 @@
-"""The ways in which a file may have been meant, those that are worth a score.
+"""Search for the way a file was meant: the candidates that are worth a score.
 
-A way is a reading of its columns, a registration that the sidecar gives and that is opened, or a
-mechanism file with diameters for radii. Readings are ranked against the nominal machine: every one
-of the joint columns gives predicted poses (one batch of Newton steps), every one of the measured
-columns measured ones; both are brought together by the best rigid registration, robustly, and
-judged by the median miss. All pairs are compared at once, so two mistakes in one file are found
-like one. What tolerances hide there is ranked by what they leave of it, to first order.
+A way is another reading of its columns, a registration given by the sidecar that is opened, or a
+mechanism file with diameters for radii. Readings are ranked against the nominal machine: each
+reading of the joint columns gives predicted poses (one batch of Newton steps), each reading of the
+measured columns measured ones; both are aligned by the best rigid registration, robustly, and
+judged by the median error. All pairs are compared at once, so two mistakes in one file are found
+as easily as one. Readings that tolerances hide there are ranked by their residuals, to first order.
 """
 
 from __future__ import annotations
@@ -45,35 +45,35 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.scaled_points import other_radii
 
 ROWS = 40
-"""Rows that decide between readings."""
+"""Number of rows by which readings are compared."""
 SHIFTS = (1, -1, 2, -2, 3, -3)
 """Rows by which measured columns may be late or early."""
 ROUNDS = 4
 TRIMMED = 3.0
-"""Rows that miss by more than so many medians have no say in the registration."""
+"""Rows off by more than this many medians do not affect the registration."""
 BEST_PAIRS = 60
-"""Pairs of joint and position readings for which the rotations are read in every way."""
+"""Pairs of joint and position readings for which all readings of the rotations are tried."""
 LONGLIST = 300
-"""Pairs that are registered with care, after a look at all of them."""
+"""Pairs that are registered carefully, after a quick comparison of all."""
 CHUNK = 2000
 NEWTON_STEPS = 12
 TRIED = 8
-"""Readings that are scored, of those near the nominal machine, and half as many near a fit."""
+"""Number of readings scored near the nominal machine; half as many near a fit."""
 NEAR_BEST = 2.5
-"""Their median miss is within this factor of the least."""
+"""Their median error is within this factor of the smallest."""
 REGISTERED = {
-    "frame": "the measuring frame is not where the sidecar has it",
-    "target": "the measured point is not where the sidecar has it",
-    "target_rotation": "the measured body is turned otherwise than the sidecar says",
-    "offset": "the encoder's zero is not where the sidecar has it"}
-"""What a sidecar may give and be wrong about, in words, by its key."""
+    "frame": "the measuring frame is not where the sidecar puts it",
+    "target": "the measured point is not where the sidecar puts it",
+    "target_rotation": "the measured body is not rotated as in the sidecar",
+    "offset": "the encoder's zero is not where the sidecar puts it"}
+"""What may be wrong in a sidecar, in words, by its key."""
 
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """One way in which a file may have been meant, with the problem that it makes.
+    """One way in which a file may have been meant, with the resulting problem.
 
-    ``parts``: how many things are otherwise than they are read; ``reading``: of the columns.
+    ``parts``: number of differences from how it is read; ``reading``: of the columns.
     """
 
     what: tuple[FileFault, ...]
@@ -83,7 +83,7 @@ class Way:
 
 
 def ways(alone: Problem, as_read: Score) -> list[Way]:
-    """Return the ways that are worth a score, those that change least first."""
+    """Return the ways that are worth a score, those with the fewest changes first."""
     data, mechanism = alone.datasets[0], alone.mechanism
     readings = dict.fromkeys([*_near_nominal(alone), *(
         _near_fit(alone) if as_read.nominal <= LANDS else ())])
@@ -99,7 +99,7 @@ def ways(alone: Problem, as_read: Score) -> list[Way]:
 
 
 def _near_nominal(alone: Problem) -> list[ColumnInterpretation]:
-    """Return the readings that come nearest to the nominal machine."""
+    """Return the readings that come closest to the nominal machine."""
     data = alone.datasets[0]
     search = search_encoder if of_a_joint(data) else search_readings
     ordered = iter(search(alone.mechanism, data))
@@ -113,9 +113,9 @@ def _near_nominal(alone: Problem) -> list[ColumnInterpretation]:
 
 
 def _near_fit(alone: Problem) -> list[ColumnInterpretation]:
-    """Return readings of measured columns that tolerances hide from a look at the nominal machine.
+    """Return readings of measured columns that tolerances hide in a comparison with nominal.
 
-    Euler angles of small turns; a row more or less on a dense path. Of joints alone there are none.
+    Euler angles of small rotations; a row of shift on a dense path. None for joints alone.
     """
     data = alone.datasets[0]
     if of_a_joint(data) or data.kind.blind:
@@ -131,15 +131,15 @@ def _near_fit(alone: Problem) -> list[ColumnInterpretation]:
 
 
 def _beyond_tolerances(alone: Problem, as_read: Score) -> bool:
-    """Whether no tolerance explains a file; those of what the machine's file holds count too."""
+    """Whether no tolerance explains a file, including those of parameters that the file holds."""
     return as_read.geometry > FAR or (as_read.nominal > LANDS and score(
         toleranced(alone, fixed=True), 0.0).total > ALLOWED)
 
 
 def _registrations(alone: Problem) -> Iterator[Way]:
-    """Yield the problem with what the sidecar gives of its registration open instead."""
+    """Yield the problem with parts of the registration open that the sidecar gives."""
     data = alone.datasets[0]
-    turns = alone.mechanism.motion.turns    # else its platform never does
+    turns = alone.mechanism.motion.turns    # otherwise its platform never does
     seen = {"frame": data.kind.of_poses, "target": data.kind.of_poses and turns,
             "target_rotation": data.kind.sees_rotation and turns, "offset": of_a_joint(data)}
     given = [key for key in REGISTERED if seen[key] and not getattr(data, key).fitted]
@@ -153,9 +153,9 @@ def _registrations(alone: Problem) -> Iterator[Way]:
 
 def search_readings(mechanism: Mechanism,
                     data: Dataset) -> list[tuple[float, ColumnInterpretation]]:
-    """Return readings of one data set of poses or positions with their misses, best first.
+    """Return readings of one data set of poses or positions with their errors, best first.
 
-    A miss is the median one over how far the platform moves; a rotation counts on the machine's
+    The error is the median one over the platform's motion; rotations count times the machine's
     length scale. The reading as declared is among them.
     """
     shifts = (0, *SHIFTS) if len(data) >= 4 * max(SHIFTS) else (0,)
@@ -173,7 +173,7 @@ def _at_shift(mechanism: Mechanism, data: Dataset,
     if len(few) < 6:
         return []
     origins, turns = _predicted(mechanism, np.stack([j.of(few.q) for j in joints]))
-    # a row that most readings cannot reach says nothing about which of them is right
+    # a row that most readings cannot reach does not distinguish them
     able = _distinct(joints, origins)
     if not able:
         return []
@@ -185,11 +185,11 @@ def _at_shift(mechanism: Mechanism, data: Dataset,
 
 
 def _distinct(joints: Sequence[ReadColumns], origins: Array) -> list[int]:
-    """Return which readings reach most rows; of those that predict the same, the simplest."""
+    """Return which readings reach most rows; of those with equal predictions, the simplest."""
     out: dict[bytes, int] = {}
     for i in sorted(range(len(joints)), key=lambda i: joints[i].parts):
         if finite_rows(origins[i]).mean() > 0.5:
-            # to a millionth of the machine: a strut's length squared knows no sign
+            # to a millionth of the machine: the square of a strut's length hides its sign
             out.setdefault((np.round(origins[i], 9) + 0.0).tobytes(), i)
     return list(out.values())
 
@@ -207,7 +207,7 @@ def _predicted(mechanism: Mechanism, q: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class _Scene:
-    """What is compared with the rows of a data set: predictions (C, n), one per joint reading."""
+    """Predictions (C, n), one per joint reading, to compare with the rows of a data set."""
 
     mechanism: Mechanism
     data: Dataset
@@ -222,13 +222,13 @@ class _Scene:
     def scored(self, poses: Sequence[ColumnInterpretation],
                rotations: Sequence[ColumnInterpretation]
                ) -> list[tuple[float, ColumnInterpretation]]:
-        """Return the best pairs of readings with their misses."""
+        """Return the best pairs of readings with their errors."""
         place = np.stack([np.where([False, False, self.planar], 0.0, p.measured(self.data)[0])
                           for p in poses])
         c, p = (x.ravel() for x in np.indices((len(self.joints), len(poses))))
         first = np.concatenate([self._registered(c[i:i + CHUNK], place[p[i:i + CHUNK]], 2)[0]
                                 for i in range(0, len(c), CHUNK)])
-        # a reading that makes everything small leaves little, and explains no more
+        # a reading that makes everything small has small residuals but explains no more
         sizes = self._sizes()
         some = np.argsort(first / sizes[c], kind="stable")[:LONGLIST]
         c, p = c[some], p[some]
@@ -249,7 +249,7 @@ class _Scene:
         return out
 
     def _sizes(self) -> Array:
-        """Return how far half of the predicted origins are from their middle, m (C,)."""
+        """Return the median distance of predicted origins from their median, m (C,)."""
         middle = np.nanmedian(self.origins, axis=1, keepdims=True)
         away = np.nanmedian(np.linalg.norm(self.origins - middle, axis=-1), axis=1)
         return np.asarray(np.maximum(away, 1e-12))
@@ -258,12 +258,12 @@ class _Scene:
         """Return the best registrations of F pairs of a prediction and a reading.
 
         Args:
-            c: which prediction (F,).
+            c: index of the prediction (F,).
             b: measured positions (F, n, 3).
-            rounds: of leaving out the rows that are far off.
+            rounds: of leaving out rows that are far off.
 
         Returns:
-            median misses (F,), m, and frame rotations (F, 3, 3).
+            median errors (F,), m, and frame rotations (F, 3, 3).
         """
         known = self.data.frame
         motor = cga.motor_from_rotation_vector(known.value[3:], known.value[:3])
@@ -277,7 +277,7 @@ class _Scene:
             w = weight / np.maximum(weight.sum(axis=-1, keepdims=True), 1e-300)
 
             def free(rows: Array, w: Array = w) -> Array:
-                """Return rows (F, n, ...) less what the frame's origin takes, if it is open."""
+                """Return rows (F, n, ...) less what the frame's origin absorbs, if it is open."""
                 middle = np.einsum("fn,fn...->f...", w, rows)[:, None]
                 return rows - middle if known.fitted else rows
 
@@ -286,7 +286,7 @@ class _Scene:
                 frame = nearest_rotation(np.swapaxes(w[..., None] * b, -1, -2) @ point, self.planar)
             own, rest = free(turn), free(b @ frame - a)
             if self.data.target.fitted and self.mechanism.motion.turns:
-                # where the rows do not tell it from the frame's origin, it stays short
+                # where the rows do not separate it from the frame's origin, it stays short
                 back = np.swapaxes(w[..., None, None] * own, -1, -2)
                 normal = (back @ own).sum(axis=1) + (1e-6 + 1e-9) * np.eye(3)
                 target = linalg.solve(normal, (back @ rest[..., None]).sum(axis=1))[..., 0]
@@ -297,7 +297,7 @@ class _Scene:
         return median, frame
 
     def _rotations(self, seen: Array) -> Array:
-        """Return measured turns (R, n, 3) as matrices (R, n, 3, 3), nan where there is none."""
+        """Return measured rotations (R, n, 3) as matrices (R, n, 3, 3), nan without one."""
         turn = np.where([True, True, False], 0.0, seen) if self.planar else seen
         finite = np.asarray(np.isfinite(turn).all(axis=-1))[..., None]
         matrices = cga.rotation_matrix(cga.motor_from_rotation_vector(

@@ -1,7 +1,7 @@
-"""Misreadings of one target among several of one body: told by its name, in its own columns.
+"""Misreadings of one target of a body with several, whose columns carry its name.
 
-Alone, a target's frame is open: exchanged axes look like a mirrored one in a turned frame, and two
-turned axes like nothing. Beside targets that are read rightly it is held where they have it.
+By itself, a target's frame is open: exchanged axes look like a mirrored axis in a turned frame, and
+two reversed axes like nothing. Beside targets that are read rightly, the frame is held as theirs.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ppmcal.model.dataset import Dataset
 
 
 def left_out_whole(fit: Fit) -> frozenset[int]:
-    """Return the data sets of which a fit left out most rows that can be used."""
+    """Return the data sets from which a fit left out most of the usable rows."""
     return frozenset(i for i, (d, keep) in enumerate(zip(fit.problem.datasets, fit.keep,
                                                          strict=True))
                      if d.usable.any() and (~keep[d.usable]).mean() > MOST)
@@ -34,13 +34,13 @@ def left_out_whole(fit: Fit) -> frozenset[int]:
 def targets_read(problem: Problem, found: Mapping[int, Interpretation],
                  astray: frozenset[int], read: Callable[[Problem], Interpretation | None]
                  ) -> tuple[Interpretation, ...]:
-    """Return misreadings, those of one body's targets together.
+    """Return misreadings, with those of one body's targets merged.
 
     Args:
         problem: machine and data.
-        found: of data sets by themselves, by their number.
-        astray: data sets that do not fit beside the others, as those found.
-        read: how the one data set of a problem, whose frame is held, is to be read.
+        found: misreadings of single data sets, by number.
+        astray: data sets that, like those found, do not fit beside the others.
+        read: finds how the single data set of a problem, with its frame held, should be read.
     """
     bodies: dict[str, list[int]] = {}
     for i, d in enumerate(problem.datasets):
@@ -53,14 +53,14 @@ def targets_read(problem: Problem, found: Mapping[int, Interpretation],
             out += mine.values()
             continue
         beside = _least(problem, own, wrong, mine, read)
-        # of two that are in order alone, either may be the one that is turned
+        # of two targets that are each in order alone, either may be the reversed one
         either = frozenset(beside) - mine.keys() if len(own) == 2 else frozenset()
         out += _told(problem, own, mine | beside, either)
     return tuple(out)
 
 
 def _disagree(problem: Problem, own: Sequence[int]) -> bool:
-    """Whether targets are far worse together, in one frame, than each is alone."""
+    """Whether targets fit far worse together, in one frame, than each alone."""
     data = [problem.datasets[i] for i in own]
     alone = [score(problem.alone(d), np.inf).total for d in data]
     first = data[0].alone()
@@ -73,7 +73,7 @@ def _disagree(problem: Problem, own: Sequence[int]) -> bool:
 def _least(problem: Problem, own: Sequence[int], wrong: Sequence[int],
            found: Mapping[int, Interpretation], read: Callable[[Problem], Interpretation | None]
            ) -> dict[int, Interpretation]:
-    """Return how targets are to be read beside the one whose frame leaves least to be changed."""
+    """Return how to read targets beside the one whose frame requires the fewest changes."""
     data, pairs = problem.datasets, list[tuple[Dataset, Sequence[int]]]()
     if not wrong:
         pairs = [(data[i], [j for j in own if j != i]) for i in own]
@@ -89,9 +89,9 @@ def _least(problem: Problem, own: Sequence[int], wrong: Sequence[int],
 
 def _beside(problem: Problem, wrong: Sequence[int], start: Dataset,
             read: Callable[[Problem], Interpretation | None]) -> dict[int, Interpretation]:
-    """Return how data sets are to be read, their frame held where one read rightly has it.
+    """Return how to read data sets with their frame held as in one that is read rightly.
 
-    None of them where that one has no fit, or its frame is not open.
+    Empty if that one cannot be fitted, or its frame is not open.
     """
     frame, out = start.alone().frame, dict[int, Interpretation]()
     if not frame.fitted:
@@ -110,7 +110,7 @@ def _told(problem: Problem, own: Sequence[int], found: Mapping[int, Interpretati
           either: frozenset[int]) -> Iterator[Interpretation]:
     """Yield the misreading of a body's targets (by number), if any is found.
 
-    ``either``: those of two in whose place it may be the other one.
+    ``either``: those that may be interchanged with the other one of two.
     """
     wrong = [i for i in own if i in found]
     if not wrong:
@@ -135,20 +135,20 @@ def _told(problem: Problem, own: Sequence[int], found: Mapping[int, Interpretati
 
 
 def _unlike_others(mistake: FileFault) -> FileFault:
-    """Return what is wrong with one target: it alone cannot be of a machine's mirror image."""
+    """Return the mistake of one target: a mirror image would concern the others too."""
     if mistake.kind != "mirrored":
         return mistake
     return replace(mistake, kind="sign", text="left-handed: one of its axes has the other sign")
 
 
 def _in_a_long_file(found: Interpretation) -> str:
-    """Return what the sidecar of that target's own file would say."""
+    """Return what the sidecar of a separate file for that target would say."""
     told = lines_for(found.block, found.headers)
     return f" ({told})" if told else ""
 
 
 def _merged(found: Sequence[Interpretation]) -> dict[str, object] | None:
-    """Return one block ``read`` of a wide file, of several of its targets."""
+    """Return one block ``read`` of a wide file for several of its targets."""
     out: dict[str, object] = {}
     for key, value in (pair for m in found for pair in (m.block or {}).items()):
         old = out.get(key)

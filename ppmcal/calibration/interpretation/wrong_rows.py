@@ -1,8 +1,8 @@
-"""Mistakes in some of the rows only: a reading of rows a to b, or rows exchanged.
+"""Mistakes in some of the rows only: a misread stretch of rows, or rows exchanged.
 
-A fit leaves such rows out, one by one. Together they say more: read in another way, or each with
-the measurement of another one of them, they fit to the noise, which nothing that happens to a
-machine makes them do.
+A fit leaves such rows out, one by one. Together they show more: under another reading, or each
+with the measurement of another one of them, they fit to within the noise, which nothing that
+happens to a machine would make them do.
 """
 
 from __future__ import annotations
@@ -51,24 +51,24 @@ from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.wording import pluralize
 
 SCREENED = 12
-"""Rows with which readings are compared first; half of them have to fit."""
+"""Number of rows by which readings are first compared; half of them have to fit."""
 
 
 def wrong_rows(fit: Fit) -> tuple[Interpretation, ...]:
-    """Return stretches of rows that are read wrongly, or rows that are exchanged, by data set."""
+    """Return stretches of rows that are misread, or rows that are exchanged, by data set."""
     apart = [_LeftOut(fit, i) for i, d in enumerate(fit.problem.datasets) if readable(d)]
     found = (_exchanged(a) or _stretch(a) for a in apart if len(a.rows) >= FEWEST_ROWS)
     return tuple(m for m in found if m is not None)
 
 
 def wrong_parts(problem: Problem) -> tuple[Interpretation, ...]:
-    """Return in which rows measurements are wrong that are right in their first or last third.
+    """Return which rows are wrong in measurements whose first or last third is right.
 
-    For files in which so much is wrong that a fit of all rows goes astray: what the third fits is
-    fitted, and the others are judged by it.
+    For files in which so much is wrong that a fit of all rows goes astray: the rows that the third
+    predicts are fitted, and the others are judged by this fit.
 
     Args:
-        problem: machine and data; of several files only what happens in one alone is looked at.
+        problem: machine and data; of several files each is examined alone.
     """
     found: dict[str, Interpretation] = {}
     for data, part in right_parts(problem):
@@ -80,7 +80,7 @@ def wrong_parts(problem: Problem) -> tuple[Interpretation, ...]:
 
 
 def _fit_of_part(problem: Problem, part: Ints) -> Fit | None:
-    """Return a fit of the rows that a part of them predicts, None where it is not right itself."""
+    """Return a fit of the rows that a part of them predicts, None if the part is not right."""
     keep = np.isin(np.arange(len(problem.datasets[0])), part)
     for _ in range(2):
         some = identify(replace(problem, datasets=(problem.datasets[0].take(keep),)),
@@ -97,7 +97,7 @@ def _fit_of_part(problem: Problem, part: Ints) -> Fit | None:
 
 
 def _within(square: Array, size: Array, factor: float) -> Bools:
-    """Return which rows are within the noise, a fit's factor and some slack (N,)."""
+    """Return which rows (N,) are within the noise, times a fit's factor and some slack."""
     limit = (SLACK * factor)**2 * chdtri(np.maximum(size, 1.0), CHANCE)
     with np.errstate(invalid="ignore"):
         return np.asarray((square <= limit) & (size > 0))
@@ -105,7 +105,7 @@ def _within(square: Array, size: Array, factor: float) -> Bools:
 
 @dataclass(frozen=True, eq=False)
 class _LeftOut:
-    """One data set of a fit, and the rows of it that were left out although all is there."""
+    """One data set of a fit, and its complete rows that were left out."""
 
     fit: Fit
     index: int
@@ -120,19 +120,19 @@ class _LeftOut:
 
     @cached_property
     def usable(self) -> Ints:
-        """Rows in which all is there."""
+        """Complete rows."""
         data = self.data
         return np.flatnonzero(finite_rows(data.q) & finite_rows(shown(data)[:, self.parts])
                               & data.usable)
 
     @cached_property
     def rows(self) -> Ints:
-        """Rows left out; what is near the noise as it is needs no other reading."""
+        """Rows left out; those near the noise as they are need no other reading."""
         out = self.usable[~self.fit.keep[self.index][self.usable]]
         return out[~self.fits(self.data.take(out), out)] if len(out) else out
 
     def fits(self, data: Dataset, rows: Ints) -> Bools:
-        """Return which rows fit to the noise if they are ``data`` (n,)."""
+        """Return which rows fit to within the noise when replaced by ``data`` (n,)."""
         fit, i = self.fit, self.index
         alone = Problem(fit.problem.mechanism, (data,), fit.problem.free,
                         (fit.problem.opens[i].about,), (fit.problem.environments[i].take(rows),))
@@ -142,19 +142,19 @@ class _LeftOut:
         return _within(found.square[0], found.size[0], float(fit.noise_factor[i]))
 
     def read(self, readings: Sequence[ColumnInterpretation], rows: Ints) -> Bools:
-        """Return which rows fit under which readings (R, n), all of them at once."""
+        """Return which rows fit under which readings (R, n), all at once."""
         return self.fits(read_in_ways(self.data, rows, readings), np.tile(rows, len(readings))
                          ).reshape(len(readings), len(rows))
 
 
 def _stretch(apart: _LeftOut) -> Interpretation | None:
-    """Return a stretch of rows that another reading brings to the noise, None if none does."""
+    """Return a stretch of rows that another reading brings down to the noise, or None."""
     mechanism, data, rows = apart.fit.problem.mechanism, apart.data, apart.rows
     own, plain = data.take(rows), ColumnInterpretation.as_declared(mechanism, data)
     readings = [*(replace(plain, joints=j) for j in joint_readings(mechanism, own)[1:]),
                 *pose_readings(plain, own)[1:]]
     few = rows[subsample([np.ones(len(rows), bool)], SCREENED)[0]]
-    # of a strut only the square is seen: with the other sign it has another zero, and no mistake
+    # a strut's length enters squared only: with the other sign it has another zero, not a mistake
     turned = rows_with_negative_struts(read_in_ways(data, few, readings), mechanism)
     readings = [r for r, t in zip(readings, turned.reshape(len(readings), -1), strict=True)
                 if not t.any()]
@@ -179,7 +179,7 @@ def _stretch(apart: _LeftOut) -> Interpretation | None:
 
 
 def _best_stretch(gain: Array) -> tuple[int, int, float]:
-    """Return where rows (N,) gain most together: the first, behind the last, and how much."""
+    """Return the stretch of rows (N,) with the largest gain: first, end, and the gain."""
     total = np.append(0.0, np.cumsum(gain))
     lowest = np.minimum.accumulate(total)
     end = int(np.argmax(total - lowest))
@@ -188,8 +188,8 @@ def _best_stretch(gain: Array) -> tuple[int, int, float]:
 
 
 def _exchanged(apart: _LeftOut) -> Interpretation | None:
-    """Return that left-out rows hold each other's measurements, None if they do not."""
-    from scipy.optimize import linear_sum_assignment  # slow to import, seldom asked
+    """Return that left-out rows have each other's measurements, None if they do not."""
+    from scipy.optimize import linear_sum_assignment  # slow to import, seldom needed
     from scipy.spatial.distance import cdist
 
     fit, data, parts = apart.fit, apart.data, apart.parts
@@ -203,7 +203,7 @@ def _exchanged(apart: _LeftOut) -> Interpretation | None:
     where = linear_sum_assignment(cdist(expected * scale, shown(own)[:, parts] * scale))[1]
     other = replace(own, position=own.position[where], rotation=own.rotation[where],
                     whole=None, place=None)
-    # repeats of one pose are as good as each other
+    # repeats of one pose are interchangeable
     moved = (own.q != own.q[where]).any(axis=1) & (own.groups != own.groups[where])
     right = apart.fits(other, rows) & moved
     if right.sum() < max(FEWEST_ROWS, AGAINST / (1.0 + AGAINST) * len(rows)):

@@ -1,4 +1,4 @@
-"""What a fit knows: covariances, intervals, what is identifiable and what is held."""
+"""Knowledge from a fit: covariances, intervals, what is identifiable and what is held."""
 
 from __future__ import annotations
 
@@ -65,5 +65,5 @@ if TYPE_CHECKING:
     )
     from ppmcal.calibration.knowledge.tension import pulled_apart as pulled_apart
 
-if not TYPE_CHECKING:   # who checks types sees which names there are
+if not TYPE_CHECKING:   # type checkers read the names above
     __getattr__ = on_first_use(__name__)

@@ -1,15 +1,15 @@
-"""Parameters that a fit held though they may be off: considered, not estimated.
+"""Parameters that a fit held although they may be off: considered, not estimated.
 
-Held at its nominal value, a parameter errs by its tolerance at every pose, and the fitted ones with
-it: of the rows that its error moved they took over what they could imitate. With H the rows of
-data and prior and J those of the held parameters, an error d of these makes the estimates err by
-H^+ J d (Schmidt 1966; Bierman 1977, chapter VIII). Where rows were measured the two cancel as far
-as they are alike; away from there they need not.
+Held at its nominal value, a parameter errs by its tolerance at every pose, and so do the fitted
+ones, which absorbed the part of its effect on the rows that they could. With H the rows of data and
+prior and J those of the held parameters, an error d of these makes the estimates err by H^+ J d
+(Schmidt 1966; Bierman 1977, chapter VIII). Where rows were measured the two errors cancel as far as
+they are alike; elsewhere they need not.
 
-Where joint values alone were measured, some are held to define the frames of base and platform
-(:mod:`ppmcal.calibration.fit.gauge`). These are exact: an error d of theirs is a motion of the
-frame, seen from which the others are off by N d more, and H^+ J = -N wherever data tell. What is
-left, (H^+ J + N) d, is what the tolerances of the others say too much, for they are of no frame.
+With joint values alone, some are held to define the frames of base and platform
+(:mod:`ppmcal.calibration.fit.gauge`). These are exact: their error d moves the frame, in which the
+others are then off by N d more, and H^+ J = -N wherever the data determine. The remainder,
+(H^+ J + N) d, is what the others' tolerances overstate, because they do not refer to that frame.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from ppmcal.model.mechanism import Mechanism
 
 
 def as_pose(response: Response) -> Response:
-    """Return the response of the same n rows, were the platform's whole pose measured (n, 6)."""
+    """Return the response of the same n rows if the whole platform pose were measured (n, 6)."""
     count = len(response.pose)
     return replace(response, end=0, seen=replace(
         response.seen, residual=np.zeros((count, 6)), observed=np.ones((count, 6), dtype=np.bool_),
@@ -40,10 +40,10 @@ def as_pose(response: Response) -> Response:
 
 
 def by_tolerances(response: Response, mechanism: Mechanism) -> Array:
-    """Return how n predictions move with one tolerance of each parameter (n, m, F), m and rad.
+    """Return how n predictions move by one tolerance of each parameter (n, m, F), m and rad.
 
-    Of all that may be off, whatever a fit had free. Infinite where a tolerance is; what a
-    parameter does not move stays at 0.
+    For all parameters that may be off, free in a fit or not. Infinite where a tolerance is;
+    predictions that a parameter does not move stay at 0.
     """
     free, tolerance = uncertain(mechanism)
     here = response.closure
@@ -58,7 +58,7 @@ def by_tolerances(response: Response, mechanism: Mechanism) -> Array:
 def uncertain(mechanism: Mechanism) -> tuple[tuple[int, ...], Array]:
     """Return the parameters that may be off, and their tolerances (F,), SI.
 
-    Infinite where a free parameter has none.
+    Infinite for a free parameter without tolerance.
     """
     known = mechanism.parameters
     free = tuple(i for i, p in enumerate(known)
@@ -71,10 +71,10 @@ def uncertain(mechanism: Mechanism) -> tuple[tuple[int, ...], Array]:
 class Considered:
     """Held parameters, SI.
 
-    ``names`` (H,); ``sigma`` (H,) how far each may be off, one standard deviation; ``gain`` (C, H)
-    by how much each fitted column errs with the error of each. ``frame`` (C, G) and ``pull``
-    (C, G): by how much fitted columns err in the frames that some define, and are found off
-    nominal, as far as tolerances leave these open, one standard deviation.
+    ``names`` (H,); ``sigma`` (H,) standard uncertainty of each; ``gain`` (C, H): error of each
+    fitted column per error of each of them. ``frame`` (C, G) and ``pull`` (C, G): errors of fitted
+    columns in the frames that some parameters define, and deviations from nominal, as far as
+    tolerances leave these open, one standard deviation.
     """
 
     names: tuple[str, ...]
@@ -84,20 +84,20 @@ class Considered:
     pull: Array | None = None
 
     def more(self, names: Collection[str] | None = None) -> Array:
-        """Return what they, or those of ``names``, add to the fitted columns' covariance (C, C)."""
+        """Return the part of the columns' covariance (C, C) due to them, or to ``names`` only."""
         there = [i for i, n in enumerate(self.names) if names is None or n in names]
         own = self.gain[:, there] * self.sigma[there]
         return np.asarray(own @ own.T)
 
     def in_frames(self, covariance: Array) -> Array:
-        """Return a covariance of columns (C, C) with what tolerances leave open in the frames."""
+        """Return a covariance of columns (C, C) plus what tolerances leave open in the frames."""
         return covariance if self.frame is None else covariance + self.frame @ self.frame.T
 
     def beside(self, covariance: Array) -> Array:
         """Return the covariance of the errors of fitted and held columns (C + H, C + H).
 
         Args:
-            covariance: of the fitted ones by data and prior, were the held ones exact (C, C).
+            covariance: of the fitted ones by data and prior, if the held ones were exact (C, C).
         """
         across = -self.gain * self.sigma**2
         return np.block([[covariance + self.more(), across], [across.T, np.diag(self.sigma**2)]])
@@ -106,7 +106,7 @@ class Considered:
 def held(mechanism: Mechanism, free: Sequence[int]) -> tuple[int, ...]:
     """Return the parameters that may be off, by a finite tolerance, and are not fitted.
 
-    What defines the frames of base and platform is exact in these.
+    Parameters that define the frames of base and platform are exact in these frames.
     """
     return tuple(i for i, tolerance in zip(*uncertain(mechanism), strict=True)
                  if i not in (*free, *mechanism.defining)
@@ -114,12 +114,12 @@ def held(mechanism: Mechanism, free: Sequence[int]) -> tuple[int, ...]:
 
 
 def none_considered(fit: Fit) -> Considered:
-    """Return that a fit held nothing that may be off."""
+    """Return the value for a fit that held no parameters that may be off."""
     return Considered((), np.zeros(0), np.zeros((len(fit.problem.columns), 0)))
 
 
 def considered(fit: Fit) -> Considered:
-    """Return what a fit held, and how its columns err with that.
+    """Return the parameters that a fit held, and the errors of its columns due to them.
 
     Args:
         fit: with its noise.
@@ -141,20 +141,20 @@ def considered(fit: Fit) -> Considered:
 
 
 def _sigma(mechanism: Mechanism, own: Sequence[int]) -> Array:
-    """Return how far parameters may be off (H,), 0 without a tolerance."""
+    """Return the standard uncertainty of parameters (H,), 0 without a tolerance."""
     known = [mechanism.parameters[p] for p in own]
     return np.array([p.sigma or p.prior_sigma or 0.0 for p in known], dtype=float)
 
 
 def _gain(fit: Fit, own: Sequence[int]) -> Array:
-    """Return by how much fitted columns err with held parameters ``own``, SI (C, H)."""
+    """Return the error of fitted columns per error of held parameters ``own``, SI (C, H)."""
     problem = fit.problem
     wide = problem.changed(free=(*problem.free, *own))
     rows = qr_factor(wide, fit.state, fit.keep).root / fit.noise
     extra = np.arange(len(problem.free), len(wide.free))
     s, vt, seen = directions(fit)
     half = vt[seen].T / s[seen]
-    # (H^T H)^-1 H^T J: the prior's rows of H meet nothing of the held ones
+    # (H^T H)^-1 H^T J: the prior's rows of H are 0 in the held columns
     fitted = np.delete(rows, extra, axis=1) * fit.scale
     moved = rows[:, extra] * column_scale(wide)[extra]
     gain = half @ (half.T @ (fitted.T @ moved))

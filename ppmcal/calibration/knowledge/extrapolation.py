@@ -1,7 +1,7 @@
 """What a calibration measured, and targets beyond it.
 
-A fit's ranges of rows, its noise check and how it ended are kept in the machine's file. Targets far
-outside of them are refused, those a little outside told.
+The ranges of a fit's rows, its noise check and how it ended are kept in the machine's file. Targets
+far outside these ranges are refused, those a little outside are reported.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ from ppmcal.notes import NOTE, Note
 from ppmcal.wording import pluralize
 
 FAR_OUTSIDE = 0.5
-"""Refused: farther outside the measured range than this part of how wide what was measured is in
-any direction, or about any axis: a bed that was touched is known as far above as to its sides."""
+"""Refused: farther outside the measured range than this part of the widest measured range, of any
+direction or of any axis: a bed that was touched is known as far above it as to its sides."""
 OUTSIDE = 0.1
-"""Told: farther outside than this part of it."""
+"""Reported: farther outside than this part of the range itself."""
 STILL = 1e-3
-"""Of the reach, and of a radian: what was measured at one value holds this far around it; of
-temperature and time a kelvin and a second, of loads :data:`OUTSIDE` of the load."""
+"""Validity around a single measured value, relative to the reach or a radian; for temperature and
+time a kelvin and a second, for loads :data:`OUTSIDE` of the load."""
 Ranges = Mapping[str, tuple[float, float]]
 CONDITIONS = {"temperature": (1.0, "C", ZERO_CELSIUS), "payload": (1.0, "kg", 0.0),
               "time": (1.0, "s", 0.0), **dict.fromkeys(WRENCH[:3], (1.0, "N", 0.0)),
               **dict.fromkeys(WRENCH[3:], (1.0, "N.m", 0.0))}
-"""SI value of the unit in which it is shown, the unit, and what is 0 there."""
+"""SI value of the displayed unit, the unit, and the SI value of its zero."""
 
 
 def from_home(mechanism: Mechanism, full: Array) -> Array:
-    """Return platform poses (N, 6) with rotation vectors near home's, that do not flip about it."""
+    """Return platform poses (N, 6) with rotation vectors near home's, without sign flips."""
     return np.concatenate([full[:, :3], vector_like(full[:, 3:], mechanism.home_pose[3:])], axis=1)
 
 
 def _beyond(mechanism: Mechanism, ranges: Ranges, name: str, values: Array, more: float
             ) -> tuple[Array, Bools]:
-    """Return by how much values (N,) are outside what was measured, and where by ``more``, SI."""
+    """Return how far values (N,) are outside the measured range, and where by ``more``, SI."""
     low, high = ranges[name]
     beyond = np.fmax(low - values, values - high)
     with np.errstate(invalid="ignore"):
@@ -51,13 +51,13 @@ def _beyond(mechanism: Mechanism, ranges: Ranges, name: str, values: Array, more
 
 
 def _widest(mechanism: Mechanism, ranges: Ranges, name: str) -> float:
-    """Return how wide what was measured is at most, in a length or in an angle as ``name``, SI."""
+    """Return the widest measured range of a length, or of an angle, like ``name``, SI."""
     return max(high - low for own, (low, high) in ranges.items()
                if own in mechanism.coordinates and own.startswith("r") == name.startswith("r"))
 
 
 def far_outside(mechanism: Mechanism, full: Array, ranges: Ranges) -> Iterator[tuple[int, str]]:
-    """Yield which platform poses (N, 6), m and rad, are far outside what was measured, and why."""
+    """Yield the platform poses (N, 6), m and rad, far outside the measured range, and why."""
     full = from_home(mechanism, full)
     for c, name in zip(mechanism.dof, mechanism.coordinates, strict=True):
         if name not in ranges:
@@ -73,14 +73,14 @@ def far_outside(mechanism: Mechanism, full: Array, ranges: Ranges) -> Iterator[t
 
 def extrapolated(mechanism: Mechanism, full: Array, good: Bools, ranges: Ranges,
                  columns: Mapping[str, Array]) -> Iterator[Note]:
-    """Yield by how much commands go beyond what was measured, column by column.
+    """Yield by how much commands exceed the measured range, column by column.
 
     Args:
         mechanism: the machine.
         full: platform poses (N, 6) in the base frame.
         good: rows that have a command (N,).
-        ranges: what was measured, by column, SI.
-        columns: conditions of the rows, SI; they count where the machine has effects.
+        ranges: measured ranges, by column, SI.
+        columns: conditions of the rows, SI; they count if the machine has effects.
     """
     own = from_home(mechanism, full)
     asked = {POSE_COORDINATES[c]: own[:, c] for c in mechanism.dof}
@@ -95,22 +95,22 @@ def extrapolated(mechanism: Mechanism, full: Array, good: Bools, ranges: Ranges,
         if far.any():
             factor, unit = _shown(mechanism, name)
             zero = CONDITIONS[name][2] if name in CONDITIONS else 0.0
-            yield Note(f"{pluralize(int(far.sum()), 'row')} outside of what was measured: {name} "
+            yield Note(f"{pluralize(int(far.sum()), 'row')} outside the measured range: {name} "
                        f"up to {float(np.nanmax(beyond)) / factor:.4g} {unit} beyond "
-                       f"{(low - zero) / factor:.6g} to {(high - zero) / factor:.6g}; there only "
-                       "the tolerances and the model's form hold it, as its uncertainty says",
+                       f"{(low - zero) / factor:.6g} to {(high - zero) / factor:.6g}; there they "
+                       "rest on the tolerances and the form of the model, as the uncertainty shows",
                         NOTE, "extrapolation")
 
 
 def measured_ranges(mechanism: Mechanism, volume: Ranges | None) -> Ranges:
-    """Return what was measured: as the machine's file says, else the ``volume`` beside it."""
+    """Return the measured ranges: from the machine's file, else the ``volume`` beside it."""
     seen = mechanism.measured or MeasurementBasis()
     return {**(volume or {}), **seen.ranges}
 
 
 def _still(mechanism: Mechanism, name: str, low: float, high: float) -> float:
-    """Return how far what was measured at one value holds around it, SI."""
-    if name in ("payload", *WRENCH):    # of a small stage grams are much, of a press tons little
+    """Return how far around a single measured value it is still valid, SI."""
+    if name in ("payload", *WRENCH):    # grams are much for a small stage, tons little for a press
         return OUTSIDE * max(low, -high, 0.0)
     if name in CONDITIONS:
         return 1.0
@@ -128,7 +128,7 @@ def _shown(mechanism: Mechanism, name: str) -> tuple[float, str]:
 def measured_by(fit: Fit, noise: Noise) -> MeasurementBasis:
     """Return the noise check of a fit, the ranges of the rows that it used, SI, and how it ended.
 
-    Carried on from an earlier calibration, with what that one had measured, as its machine says.
+    With the ranges of an earlier calibration that it continues, from the machine's file.
     """
     found: dict[str, list[Array]] = {}
     mechanism = fit.problem.mechanism

@@ -1,11 +1,11 @@
-"""Which freedoms predict rows that were left out: nested sets, cross-validated over space.
+"""Cross-validated choice of freedoms: which of nested sets predicts left-out rows best.
 
 Freedoms beyond the usual ones cost rows, and what they fit need not be there on another day. Every
-set is fitted without each block of neighbouring rows in turn and predicts that. What the file frees
-is kept, its tolerances say what is not known, unless another set predicts better, by a twentieth
-and by more than a standard error; then the smallest within one standard error of the best is kept
-(Breiman et al., Classification and Regression Trees, 1984). The sets differ from the smallest by
-little, so that one step from its fit stands for each fit: linear algebra on its rows.
+set is fitted without each block of neighbouring rows in turn, and predicts that block. The freedoms
+of the file are kept, because its tolerances state what is unknown, unless another set predicts
+better by a twentieth and by more than a standard error; then the smallest set within one standard
+error of the best is kept (Breiman et al., Classification and Regression Trees, 1984). The sets
+differ little from the smallest, so one step from its fit replaces each fit: linear algebra on rows.
 """
 
 from __future__ import annotations
@@ -42,19 +42,19 @@ from ppmcal.wording import pluralize
 log = logging.getLogger(__package__)
 
 FEWEST = 3
-"""Blocks that make a standard error."""
+"""Fewest blocks for a standard error."""
 
 
 @dataclass(frozen=True)
 class FreedomSet:
-    """One set of freedoms; its figures are bare.
+    """One set of freedoms; its figures are dimensionless.
 
     Attributes:
-        adds: parameters that it has beyond the set before, of the first: all.
-        missed: rms of left-out rows over their noise, as a fit of the others predicts them.
-        behind: by how much its mean square is larger than that of the best, and ``error``, the
-            standard error of that; 0 of the best.
-        kept: whether it is in the fit, which a file says of each.
+        adds: parameters that it has beyond the previous set; for the first: all.
+        missed: rms prediction error of left-out rows over their noise.
+        behind: excess of its mean square over that of the best set, and ``error``, the
+            standard error of this excess; 0 for the best.
+        kept: whether it is in the fit, as a file states for each.
     """
 
     adds: tuple[str, ...]
@@ -66,9 +66,9 @@ class FreedomSet:
 
 @dataclass(frozen=True)
 class FreedomChoice:
-    """What cross-validation kept: the sets, smallest first; what the file frees; what was kept.
+    """Result of cross-validation: the sets, smallest first; the file's set; the set kept.
 
-    ``blocks``: how many were left out in turn.
+    ``blocks``: number of blocks left out in turn.
     """
 
     sets: tuple[FreedomSet, ...]
@@ -79,7 +79,7 @@ class FreedomChoice:
 
 def with_chosen_freedoms(problem: Problem, options: FitOptions, which: Sequence[bool]
                          ) -> tuple[Problem, FreedomChoice | None]:
-    """Return the problem with the freedoms of its machine that predict left-out rows best.
+    """Return the problem with those freedoms of its machine that predict left-out rows best.
 
     Args:
         problem: machine, data and what the file frees.
@@ -87,7 +87,7 @@ def with_chosen_freedoms(problem: Problem, options: FitOptions, which: Sequence[
         which: data sets whose noise is estimated.
 
     Raises:
-        BadInput, NoResult: as :func:`ppmcal.calibration.fit.identify`.
+        BadInput, NoResult: see :func:`ppmcal.calibration.fit.identify`.
     """
     machine = problem.mechanism
     if not machine.optional:
@@ -121,7 +121,7 @@ def _levels(machine: Mechanism) -> tuple[list[tuple[int, ...]], int]:
 
 
 def choice_sentence(choice: FreedomChoice) -> Note:
-    """Return which freedoms were kept, and how left-out rows are predicted with each set."""
+    """Return which freedoms were kept, and the prediction error of left-out rows for each set."""
     out = []
     for n, one in enumerate(choice.sets):
         adds = f"+ {_shortened(one.adds)}" if n else pluralize(len(one.adds), "parameter")
@@ -140,11 +140,11 @@ def _shortened(names: Sequence[str]) -> str:
 
 def freedom_choice(fit: Fit, levels: Sequence[Sequence[int]], usual: int
                    ) -> FreedomChoice | None:
-    """Return which of nested sets predicts left-out rows, None where rows are too few to tell.
+    """Return the one of nested sets that best predicts left-out rows; None with too few rows.
 
     Args:
-        fit: of the smallest set, with the noise that counts.
-        levels: parameters that each set has beyond the one before; the first is the fit's own.
+        fit: of the smallest set, with the noise to use.
+        levels: parameters that each set has beyond the previous one; the first is the fit's own.
         usual: the set that is kept unless another is better.
     """
     if fit.information.count - values_taken(fit) < LEAST:
@@ -176,7 +176,7 @@ def freedom_choice(fit: Fit, levels: Sequence[Sequence[int]], usual: int
 
 
 def _by_block(fit: Fit, wide: Problem) -> tuple[Array, Ints, float]:
-    """Return white rows (n, C + 1), residual last, the block of each (n,), and how many values."""
+    """Return white rows (n, C + 1), residual last, the block of each (n,), and number of values."""
     block, unit = spatial_blocks(fit), column_scale(wide)
     rows, label, values = list[Array](), list[Ints](), 0.0
     for part in wide.rows(fit.state, True, fit.keep):
@@ -188,14 +188,14 @@ def _by_block(fit: Fit, wide: Problem) -> tuple[Array, Ints, float]:
 
 
 def _left_out(rows: Array, block: Ints, prior: Array, away: Array, columns: Array) -> Array:
-    """Return the sum of squares of each block as a fit of the others predicts it (B,).
+    """Return each block's sum of squared prediction errors from a fit of the others (B,).
 
     Args:
         rows: white (n, C + 1), the residual last, columns in natural units.
-        block: of each (n,).
+        block: block number of each row (n,).
         prior: weight of each column.
-        away: how far each column's nominal is.
-        columns: that the set has; the others are at their nominals.
+        away: distance of each column from its nominal.
+        columns: of the set; the others are at their nominals.
     """
     given = Conditioned.nothing(MatrixColumns(np.zeros((len(rows), 0))),
                                 rows[:, -1] - rows[:, :-1] @ away)

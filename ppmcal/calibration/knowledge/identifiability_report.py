@@ -1,4 +1,4 @@
-"""What the data tell of a machine: its scale, kinds of parameter that go together."""
+"""What the data determine of a machine: its scale, and which kinds of parameter are collinear."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ from ppmcal.units import Finite, Key, OfUnit, OrNull
 from ppmcal.wording.progress import stage
 
 SHARE = 0.7
-"""The prior dominates a distance where it leaves less than this part of what the data do."""
+"""The prior dominates a distance if it leaves less than this part of the data's uncertainty."""
 MATTERS = 1e-5
-"""And where it is known no better than this part of it."""
+"""And if the distance is known no better than this part of it."""
 LOOSE, LOST = 1e-3, 0.02
-"""Without tolerances scale is open where a distance is known no better than this part of it, and
-unobservable, so that a fit would run off, where no better than that."""
+"""Without tolerances the scale is open if a distance is known no better than the first part of it,
+and unobservable, so that a fit would run off, if no better than the second."""
 ONE = 0.95
 """Two kinds of parameter are collinear from this correlation on, tolerances aside."""
 OPEN = 0.3
-"""And where each of the two keeps more than this part of its tolerance."""
+"""And if each of the two keeps more than this part of its tolerance."""
 WEAK = 0.01
-"""Tolerances count so little when it is asked what the data tell apart."""
+"""Weight of the tolerances in the correlations of the data."""
 CALIPER = 5e-5
-"""What a caliper measures a distance to, m, one standard deviation."""
+"""Standard uncertainty of a distance measured by caliper, m."""
 POSITIONS = 300
 
 
@@ -51,11 +51,11 @@ POSITIONS = 300
 class Scale:
     """How well a distance between two measured positions is known, m.
 
-    ``length``: their distance, the longest; ``sigma``: its standard deviation with the tolerances,
-    ``sigma_data`` by the data alone (inf where they leave it open); ``open``: whether these leave
+    ``length``: the longest such distance; ``sigma``: its standard uncertainty with the tolerances,
+    ``sigma_data`` by the data alone (inf if they leave it open); ``open``: whether the data leave
     scale to the prior (``prior_dominated``), or to nothing, by an amount that matters;
     ``needed``: length of a distance that, measured to ``measure_to`` (one sigma), halves the
-    uncertainty; ``times``: half of a 95 % interval over each sigma, bare.
+    uncertainty; ``times``: half width of a 95 % interval over each sigma, dimensionless.
     """
 
     length: Annotated[OfUnit[Finite], Key("distance")]
@@ -70,7 +70,7 @@ class Scale:
     times: Finite = Z95
 
     def __post_init__(self) -> None:
-        """Judge it."""
+        """Derive the judgements."""
         held = self.sigma < SHARE * self.sigma_data
         self.__dict__.update(
             prior_dominated=held, open=self.sigma > (MATTERS if held else LOOSE) * self.length,
@@ -84,7 +84,7 @@ class Scale:
 
 @dataclass(frozen=True)
 class CollinearParameters:
-    """Two kinds of slot exactly correlated (bare); ``each``: limb by limb, not only together."""
+    """Two exactly correlated kinds of slot; ``each``: limb by limb, not only together."""
 
     one: Annotated[str, Key("a")]
     other: Annotated[str, Key("b")]
@@ -94,25 +94,25 @@ class CollinearParameters:
 
 @dataclass(frozen=True)
 class Identifiability:
-    """What the data cannot identify; ``scale`` None where it could not be judged."""
+    """What the data cannot identify; ``scale`` is None if it could not be judged."""
 
     scale: Scale | None
     collinear: tuple[CollinearParameters, ...]
 
 
 def predict_identifiability(problem: Problem, method: str) -> Identifiability:
-    """Return what a fit of a problem would leave open, judged at the machine as it stands."""
+    """Return what a fit of a problem would leave open, judged at the machine's present values."""
     return identifiability(unfitted(problem, method=method))
 
 
 @stage("what the data leave open")
 def identifiability(fit: Fit, times: float = Z95) -> Identifiability:
-    """Return what the rows and priors of a fit, or of a machine before it, leave open.
+    """Return what the rows and priors of a fit (or of a machine before it) leave open.
 
     Args:
         fit: with its noise.
-        times: half of a 95 % interval over the sigma that the noise makes; before a fit it is
-            taken as known.
+        times: half width of a 95 % interval over sigma; before a fit the noise is taken as
+            known.
     """
     if not fit.problem.free:
         return Identifiability(None, ())
@@ -122,9 +122,9 @@ def identifiability(fit: Fit, times: float = Z95) -> Identifiability:
 
 
 def with_held(fit: Fit, held: Iterable[int]) -> Identifiability:
-    """Return what is left open with parameters that a fit held though the file frees them.
+    """Return what is left open, including parameters that a fit held though the file frees them.
 
-    Held for the sake of what they predict, they are known no better than their tolerances say.
+    They were held to improve predictions, and are known no better than their tolerances say.
 
     Args:
         fit: of the others.
@@ -135,7 +135,7 @@ def with_held(fit: Fit, held: Iterable[int]) -> Identifiability:
 
 
 def _scale(fit: Fit, times: float) -> Scale | None:
-    """Judge the distance of the two measured points that lie farthest apart, in one data set."""
+    """Judge the distance between the two farthest measured points of one data set."""
     found = [s for i in range(len(fit.problem.datasets)) if (s := _farthest(fit, i)) is not None]
     if not found:
         return None
@@ -179,7 +179,7 @@ def _farthest(fit: Fit, i: int) -> tuple[float, Array] | None:
 
 
 def _collinear(fit: Fit) -> Iterator[CollinearParameters]:
-    """Yield kinds of slot whose common value the data see only together."""
+    """Yield kinds of slot whose common values the data see only in combination."""
     count, scale = len(fit.problem.free), fit.scale[:len(fit.problem.free)]
     after = posterior(fit)[:count, :count] / np.outer(scale, scale)
     if not np.isfinite(after).all():
@@ -208,7 +208,7 @@ def _collinear(fit: Fit) -> Iterator[CollinearParameters]:
 
 
 def kinds_of(mechanism: Mechanism, free: tuple[int, ...]) -> dict[str, dict[str, int]]:
-    """Return slot -> limb -> column among ``free``, frame error components left out."""
+    """Return slot -> limb -> column among ``free``, without frame error components."""
     column = {p: c for c, p in enumerate(free)}
     out: dict[str, dict[str, int]] = {}
     for limb in mechanism.limbs:

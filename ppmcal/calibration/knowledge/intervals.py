@@ -1,10 +1,10 @@
-"""Intervals that hold on another day: by sessions, or by stretches of the only one.
+"""Intervals that hold on another day: by sessions, or by blocks of the only one.
 
-Noise averages out over rows; what differs from session to session does not, nor what is smooth over
-the workspace or over time. With several sessions their disagreement is in the intervals. Blocks of
-rows near each other in joint space, and blocks of rows in their order, are looked at like sessions
-(a block bootstrap in closed form: the fit's own linear problem, block by block), and count where
-they differ by more than noise. What differs between sessions, one cannot show.
+Noise averages out over rows; differences between sessions do not, nor do errors that are smooth
+over the workspace or over time. With several sessions their disagreement enters the intervals.
+Blocks of rows near each other in joint space, and blocks of rows in their order, are treated like
+sessions (a block bootstrap in closed form: the fit's own linear problem, block by block), and count
+if they differ by more than noise. A single session cannot show what differs between sessions.
 """
 
 from __future__ import annotations
@@ -32,30 +32,29 @@ from ppmcal.notes import Note
 from ppmcal.wording.progress import stage
 
 BLOCKS, LEAST_ROWS, MOST_PLACES = 8, 3, 100
-"""Blocks of a session, rows in each at least, and blocks of places at most."""
+"""Blocks of a session, minimum rows in each, and maximum number of blocks of places."""
 STRETCHES = 1.0
-"""Blocks, of one machine, differ by no more than so many tolerances."""
-APART = "identify each alone, and `ppmcal compare` tells what changed"
+"""Blocks of one machine differ by at most this many tolerances."""
+APART = "identify each alone, and `ppmcal compare` reports what changed"
 """What to do about sessions that differ."""
 
 
 BETWEEN = 9
-"""Sizes of the noise, of all that an interval is a mixture of, that are worked out."""
+"""Noise variances of the mixture for which the covariance is computed; others are interpolated."""
 
 
 def by_noise(fit: Fit, options: FitOptions, more: Array | float = 0.0) -> Array:
-    """Return half of the 95 % interval of every column (C,), the size of the noise integrated out.
+    """Return the half width of the 95 % interval of every column (C,), noise size integrated out.
 
     The variance of the rows is a scaled inverse chi-squared about the stated one, which counts as
-    :data:`ppmcal.calibration.fit.LEAST` values, and what the rows show of it that no error
+    :data:`ppmcal.calibration.fit.LEAST` values, and the part of the residuals that no error
     of the machine can explain. Without a prior on the parameters this is Student's t; a parameter
-    that its tolerance holds is no less certain for noisy rows. inf where the column is unbounded.
+    held by its tolerance is no less certain for noisier rows. inf where the column is unbounded.
 
     Args:
-        fit: with the noise that its intervals are made with, so far.
-        options: that it was made with; a prior that was chosen by the residuals goes with the
-            noise.
-        more: variance of each column (C,) that no noise of the rows makes.
+        fit: with the noise used for its intervals so far.
+        options: of this fit; a prior that was chosen by the residuals scales with the noise.
+        more: variance of each column (C,) that is not due to noise of the rows.
     """
     variance = variances(*noise_parts(fit))
     if options.method == "gcv" or not fit.prior.any():
@@ -72,9 +71,9 @@ def by_noise(fit: Fit, options: FitOptions, more: Array | float = 0.0) -> Array:
 
 
 def coverage(fit: Fit) -> float:
-    """Return half of a 95 % interval over the sigma that the fit's noise makes.
+    """Return the half width of a 95 % interval over the sigma for the fit's noise.
 
-    As :func:`by_noise` has it, of what no tolerance holds: an effect's size, a learned curve.
+    Like :func:`by_noise`, for quantities without tolerance: an effect's size, a learned curve.
     """
     return coverage_of(variances(*noise_parts(fit)))
 
@@ -82,9 +81,9 @@ def coverage(fit: Fit) -> float:
 @stage("widening intervals where rows disagree")
 def cluster_robust(fit: Fit, inflation: float) -> tuple[SessionVariance | None,
                                                         SessionVariance | None]:
-    """Return what sessions and what blocks of rows make of a fit's uncertainty.
+    """Return the effect of sessions, and of blocks of rows, on a fit's uncertainty.
 
-    Either None where there is nothing to tell; intervals of sessions hold those of blocks.
+    Either is None if there is none; intervals of sessions include those of blocks.
 
     Args:
         fit: with rows ``inflation`` times as noisy as stated.
@@ -97,7 +96,7 @@ def cluster_robust(fit: Fit, inflation: float) -> tuple[SessionVariance | None,
 
 
 def by_sessions(fit: Fit, inflation: float) -> SessionVariance | None:
-    """Return what sessions that differ make of a fit's uncertainty, None where there is one.
+    """Return the effect of sessions that differ on a fit's uncertainty, None for one session.
 
     Args:
         fit: with rows ``inflation`` times as noisy as stated.
@@ -113,11 +112,11 @@ def by_sessions(fit: Fit, inflation: float) -> SessionVariance | None:
 
 
 def by_blocks(fit: Fit, inflation: float) -> SessionVariance | None:
-    """Return the same of blocks of rows, over joint space or in their order.
+    """Return the same for blocks of rows, over joint space or in their order.
 
-    Of joint values alone rows at one place are a block too: what limbs pull against each other
-    there is one number, however often it is read. None where none differ by more than noise, or
-    rows are too few to tell; of all the one that makes the intervals longest.
+    For joint values alone, rows at one place are a block too: what limbs pull against each other
+    there is one number, however often it is read. None if none differ by more than noise, or there
+    are too few rows; otherwise the kind of block that makes the intervals longest.
     """
     rows = [int(k.sum()) for k in fit.keep]
     if sum(rows) < BLOCKS * LEAST_ROWS or not fit.problem.free or fit.problem.earlier is not None:
@@ -142,14 +141,14 @@ def by_blocks(fit: Fit, inflation: float) -> SessionVariance | None:
 
 
 def _blocks(labels: Sequence[Ints], count: int) -> list[list[Bools]]:
-    """Return the rows (N,) of every data set, block by block, of the blocks' numbers (N,)."""
+    """Return the rows (N,) of every data set, block by block, from their block numbers (N,)."""
     return [[own == b for own in labels] for b in range(count)]
 
 
 def _places(fit: Fit) -> list[list[Bools]]:
-    """Return the rows (N,) of every data set, place by place; none where none is read again.
+    """Return the rows (N,) of every data set, place by place; empty if no place is read again.
 
-    Of many places neighbours are one block: how much noisier they make rows stays the same.
+    Many places are merged with their neighbours, which does not change their effect on the noise.
     """
     labels, count = [], 0
     for data, keep in zip(fit.problem.datasets, fit.keep, strict=True):
@@ -165,12 +164,12 @@ def _places(fit: Fit) -> list[list[Bools]]:
 
 
 def spatial_blocks(fit: Fit) -> list[Ints]:
-    """Return which block of neighbours in joint space each row (N,) in use is in, -1 of others."""
+    """Return the block in joint space of each row (N,) in use, -1 for other rows."""
     return _labels(fit, _near)
 
 
 def _labels(fit: Fit, label: Callable[[Array], Ints]) -> list[Ints]:
-    """Return block numbers (N,) of the rows in use of every data set, -1 of others."""
+    """Return block numbers (N,) of the rows in use of every data set, -1 for others."""
     labels = []
     for data, keep in zip(fit.problem.datasets, fit.keep, strict=True):
         own = np.full(len(data), -1)
@@ -186,7 +185,7 @@ def _in_order(q: Array) -> Ints:
 
 
 def _near(q: Array) -> Ints:
-    """Return block numbers (n,) of rows near each other: halves, three times, where q is wide."""
+    """Return block numbers (n,) of neighbouring rows: halved three times where q is widest."""
     block = np.zeros(len(q), dtype=int)
     level = 1
     while level < BLOCKS:
@@ -206,13 +205,13 @@ SHOWN, VISIBLE = 3, 1.05
 
 def in_words(fit: Fit, found: SessionVariance | None, alone: Array,
              blocks: SessionVariance | None = None) -> list[Note]:
-    """Return what the user must look at: parameters that sessions disagree about, file units.
+    """Return findings on parameters that sessions disagree about, in file units.
 
     Args:
         fit: of all rows.
-        found: what sessions or stretches of rows disagree about.
-        alone: half of the 95 % interval of each parameter by noise alone (F,), nan without one.
-        blocks: what stretches of rows disagree about beside the sessions ``found``.
+        found: disagreement of sessions or blocks of rows.
+        alone: half width of the 95 % interval of each parameter by noise alone (F,), or nan.
+        blocks: disagreement of blocks of rows beside the sessions ``found``.
     """
     if found is not None and found.sessions and blocks is not None and fit.problem.blind:
         own = replace(found, half=np.append(alone, found.half[alone.size:]))
@@ -222,27 +221,27 @@ def in_words(fit: Fit, found: SessionVariance | None, alone: Array,
     known = np.isfinite(alone) & (alone > 0.0)
     wide = float(np.median(found.half[:alone.size][known] / alone[known])) if known.any() else 1.0
     if not found.sessions:
-        return [Note(f"what the model leaves is smooth over {found.labels[0].rsplit(' ', 1)[0]}: "
-                     f"rows there are not independent, and intervals count it{_longer(wide)}; "
+        return [Note(f"the residuals are smooth over {found.labels[0].rsplit(' ', 1)[0]}: "
+                     f"rows there are not independent, and intervals allow for it{_longer(wide)}; "
                      "`ppmcal diagnose` looks for a cause", topic="sessions")]
     if not found.disagree.any():
         return [Note(f"{len(found.labels)} sessions differ by more than their noise: intervals "
-                     f"count it{_longer(wide)}; {APART}", topic="sessions")]
+                     f"allow for it{_longer(wide)}; {APART}", topic="sessions")]
     worst = np.argsort(found.p_value, kind="stable")[:int(found.disagree.sum())]
     each = "; ".join(_values(fit, found, c) for c in worst[:SHOWN].tolist())
     more = f"; and {len(worst) - SHOWN} more" if len(worst) > SHOWN else ""
     return [Note(f"sessions disagree about {len(worst)} of {found.p_value.size} parameters, each "
-                 f"fitted alone: {each}{more}; intervals count it; {APART}", topic="sessions")]
+                 f"fitted alone: {each}{more}; intervals allow for it; {APART}", topic="sessions")]
 
 
 def _longer(times: float) -> str:
-    """Return by how much intervals are longer, empty where the median of them hardly is."""
+    """Return by how much intervals are longer, empty if their median hardly is."""
     return (f" and are {times:.2g} times as long as noise alone makes them (median)"
             if times >= VISIBLE else "")
 
 
 def _values(fit: Fit, found: SessionVariance, column: int) -> str:
-    """Return a parameter's value and 95 % interval in each session, by noise, file units."""
+    """Return a parameter's value and 95 % interval by noise in each session, file units."""
     place = fit.problem.free[column]
     parameter, units = fit.problem.mechanism.parameters[place], fit.problem.mechanism.units
     factor = units.factor(parameter.quantity)

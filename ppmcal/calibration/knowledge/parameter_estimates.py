@@ -1,8 +1,8 @@
-"""Estimates of a machine's parameters, their uncertainties, and those that end far from nominal.
+"""Estimates of a machine's parameters, their uncertainties, and estimates far from nominal.
 
-What data see weakly is pulled to nominal, so an estimate is judged by how far such data find the
-errors of machines that are within their tolerances: with the tolerances as prior the variance is
-that of the tolerance less that of the posterior, without a prior it is the sum of both.
+Weakly seen parameters are pulled to nominal, so an estimate is judged by the errors that such data
+would find in machines within their tolerances: with the tolerances as prior their variance is the
+tolerance's less the posterior's, without a prior it is the sum of both.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from ppmcal.units import Units
 
 
 def farthest(count: int) -> float:
-    """Return how many standard deviations the farthest of so many estimates may be from nominal.
+    """Return how many sigmas from nominal the farthest of so many estimates may be.
 
     Two-sided, at the level of a failed check divided by their number (Bonferroni).
 
@@ -47,11 +47,11 @@ def farthest(count: int) -> float:
 
 
 def expected_errors(fit: Fit) -> Array:
-    """Return how large errors of each free parameter such data find (F,), SI, one sigma.
+    """Return the size of errors that such data find in each free parameter (F,), SI, one sigma.
 
-    Of machines that are within their tolerances; of a parameter without one, by noise alone. With
+    For machines within their tolerances; for a parameter without one, by noise alone. With
     the information J'J of the rows and the fit's covariance P the estimates are P J'J times the
-    errors, and P J'J P is what noise adds.
+    errors, and noise adds P J'J P.
     """
     problem = fit.problem
     tolerances = np.zeros(len(problem.columns))
@@ -60,36 +60,36 @@ def expected_errors(fit: Fit) -> Array:
     known = prediction_covariance(fit) / np.outer(fit.scale, fit.scale)
     rows = fit.information.root * fit.scale
     found = known @ (rows.T @ rows)
-    # a fit ends within that of the minimum of its chi-squared
+    # a fit ends within this of the minimum of its chi-squared
     variance = (found**2 @ (tolerances / fit.scale) ** 2 + np.sum((known @ rows.T) ** 2, axis=1)
                 + CONVERGED * np.diagonal(known))
     return np.asarray((np.sqrt(variance) * fit.scale)[:len(problem.free)])
 
 
 IMPLAUSIBLE = 8.0
-"""No machine is so many tolerances from its nominal values."""
+"""No real machine is this many tolerances from its nominal values."""
 FAR = "farther from nominal than tolerances allow"
-"""What is said of such parameters."""
+"""Description of such parameters."""
 FAR_BECAUSE = "the nominal values, the tolerances, the units or the data are wrong there"
-"""What it means."""
+"""Its explanation."""
 SHOWN = 3
-"""So many are reported, the farthest first."""
+"""Number reported, the farthest first."""
 
 
 @dataclass(frozen=True)
 class Estimate:
     """One parameter after the fit, SI. ``status``: identified, fixed or redundant.
 
-    ``nominal`` is nan where there is none: what a fitted effect's stiffness, period or time
-    constant began at is only a start.
+    ``nominal`` is nan if there is none: the initial value of a fitted effect's stiffness, period
+    or time constant is only a start.
 
-    ``sigma``: by the noise of rows, prior and held parameters included; ``by_noise``: half of the
-    95 % interval by noise whose size is not known exactly, None: 1.96 sigma; ``half``: the
-    same with what sessions differ by, None where only noise is known of; ``by_session``: label,
-    value, sigma and half of the 95 % interval of each session's own fit; ``p_value`` of these
-    being one value, and whether they ``disagree``. ``expected``: the error (one sigma) that such
-    data find in machines within their tolerances, None without a tolerance; ``far``: whether it is
-    farther from nominal than that allows.
+    ``sigma``: by the noise of rows, prior and held parameters included; ``by_noise``: half width
+    of the 95 % interval by noise of uncertain size, None: 1.96 sigma; ``half``: the same including
+    differences between sessions, None if only noise is known; ``by_session``: label, value, sigma
+    and half width of the 95 % interval of each session's own fit; ``p_value`` of these being one
+    value, and whether they ``disagree``. ``expected``: the error (one sigma) that such data find
+    in machines within their tolerances, None without a tolerance; ``far``: whether it is farther
+    from nominal than that allows.
     """
 
     name: str
@@ -116,18 +116,18 @@ class Estimate:
 
     @property
     def half_by_noise(self) -> float | None:
-        """Half of the 95 % interval by noise alone, None without one."""
+        """Half width of the 95 % interval by noise alone, None without one."""
         return half_or(self.by_noise, self.sigma)
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """The 95 % interval of the value, prior and disagreement of sessions included."""
+        """The 95 % interval of the value, including prior and disagreement of sessions."""
         half = self.half_by_noise if self.half is None else self.half
         return None if half is None else (self.value - half, self.value + half)
 
     @property
     def carried(self) -> float | None:
-        """The standard deviation that the model file states: half the interval over 1.96."""
+        """Standard uncertainty in the model file: half width of the interval over 1.96."""
         return self.sigma if self.half is None else self.half / Z95
 
 
@@ -139,12 +139,12 @@ def estimates(fit: Fit, rank: Rank, wider: SessionVariance | None = None,
     Args:
         fit: a finished one.
         rank: of its columns.
-        wider: what sessions or stretches of rows disagree about.
-        by_noise: half of the 95 % interval of each column by noise and ``held`` (C,), if not 1.96
-            sigma.
-        held: what parameters that were held, though they may be off, add to the columns'
-            variances (C,).
-        pull: how far columns are found from nominal by tolerances of what defines the frames
+        wider: disagreement of sessions or blocks of rows.
+        by_noise: half width of the 95 % interval of each column by noise and ``held`` (C,), if
+            not 1.96 sigma.
+        held: contribution to the columns' variances (C,) of parameters that were held though
+            they may be off.
+        pull: deviation of columns from nominal due to tolerances of the frame-defining parameters
             (C, G), one standard deviation.
     """
     variance = np.diagonal(posterior(fit)) + (0.0 if held is None else held)
@@ -174,9 +174,9 @@ def estimates(fit: Fit, rank: Rank, wider: SessionVariance | None = None,
 
 
 def _judged(found: Sequence[Estimate], expected: Mapping[int, float]) -> tuple[Estimate, ...]:
-    """Return the estimates with whether they are far from nominal; ``expected``: by parameter.
+    """Return the estimates with ``far`` set; ``expected``: by parameter.
 
-    How far sessions differ adds to what noise makes.
+    Differences between sessions add to the noise.
     """
     out = list(found)
     for p, sigma in expected.items():
@@ -190,7 +190,7 @@ def _judged(found: Sequence[Estimate], expected: Mapping[int, float]) -> tuple[E
 
 
 def _by_session(estimate: Estimate, wider: SessionVariance, column: int) -> dict[str, Any]:
-    """Return the entries of an estimate that sessions give."""
+    """Return the entries of an estimate that come from sessions."""
     parts: dict[str, Any] = {"half": max(float(wider.half[column]), estimate.by_noise or 0.0)}
     if wider.sessions:
         values = (estimate.value + wider.own[:, column]).tolist()
@@ -203,10 +203,10 @@ def _by_session(estimate: Estimate, wider: SessionVariance, column: int) -> dict
 
 
 def from_data_alone(fit: Fit, rank: Rank) -> dict[int, float]:
-    """Return the standard deviation of each identified column without its tolerance, SI.
+    """Return the standard uncertainty of each identified column without its tolerance, SI.
 
-    Redundant parameters must be held somehow: by their tolerance, or, where they have none,
-    at their value.
+    Redundant parameters must be held somehow: by their tolerance, or, without one, at their
+    value.
     """
     held = [c for c in rank.dropped if fit.prior[c] == 0.0]
     used = [c for c in range(fit.scale.size) if c not in held]
@@ -232,13 +232,13 @@ def with_estimates(fit: Fit, found: Sequence[Estimate]) -> Mechanism:
 
 
 def measuring_frames(problem: Problem, state: State) -> dict[str, Registration]:
-    """Return the registrations of data sets that show poses, or parts of them."""
+    """Return the registrations of data sets that measure poses, or parts of them."""
     shown = {d.name for d in problem.datasets if d.kind.of_poses}
     return {name: r for name, r in registered(problem, state).items() if name in shown}
 
 
 def registered(problem: Problem, state: State) -> dict[str, Registration]:
-    """Return frame and target of every data set that an instrument made, SI."""
+    """Return frame and target of every data set measured by an instrument, SI."""
     out = {}
     for data, s in zip(problem.datasets, state.registrations, strict=True):
         if data.kind.blind:
@@ -249,7 +249,7 @@ def registered(problem: Problem, state: State) -> dict[str, Registration]:
 
 
 def far_from_nominal(found: Sequence[Estimate], units: Units) -> list[Note]:
-    """Return in words the parameters that end farther from nominal than tolerances allow."""
+    """Return a note on parameters that end farther from nominal than tolerances allow."""
     far = sorted((e for e in found if e.far), key=lambda e: -abs(e.error) / (e.tolerance or 1.0))
     if not far:
         return []

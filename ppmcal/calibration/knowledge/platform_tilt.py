@@ -1,9 +1,9 @@
-"""What touches beside the tool leave open of its own height, where the platform can tilt.
+"""The tool's own height, where touches beside the tool leave it open because the platform can tilt.
 
-A probe that stands beside the tool (a printer's nozzle) shows its own height. Where the platform
-tilts, the tool's is another one, and how it tilts over the flat is known only as far as heights of
-one point hold the parts that make it tilt. Touches at a second offset, best of the tool itself,
-tell it.
+A probe beside the tool (a printer's nozzle) shows its own height. Where the platform tilts, the
+tool's height differs, and the tilt over the flat is known only as far as heights of one point
+constrain the parts that cause it. Touches at a second offset, best of the tool itself, determine
+it.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from ppmcal.notes import NOTE, Note
 from ppmcal.wording import number
 
 PLACES = 60
-"""Of so many touches, spread over the rows, the tool's height is judged."""
+"""Number of touches, spread over the rows, by which the tool's height is judged."""
 MOST = 12
-"""No more touches are proposed."""
+"""Maximum number of proposed touches."""
 AS_GOOD = 1.25
-"""The tool's height is known where its standard deviation is below so many of the probe's."""
+"""The tool's height is known if its standard uncertainty is below this many of the probe's."""
 OPEN = 1.5
-"""It is open where it is above so many of the probe's, and of one touch's noise."""
+"""It is open if above this many of the probe's, and of the noise of a touch."""
 BESIDE = 1e-3
-"""A probe that is nearer to the tool than this part of the reach does not stand beside it."""
+"""A probe closer to the tool than this part of the length scale is not beside it."""
 
 
 @dataclass(frozen=True)
@@ -39,13 +39,13 @@ class ToolHeight:
     Attributes:
         dataset: index of the touches.
         offset: of the probe from the tool (2,), platform axes.
-        probe, tool: standard deviations of the heights of either.
-        expected, left: standard deviation of the difference that tilt makes between them, by the
-            tolerances alone, and with all that was measured; inf where nothing holds it.
+        probe, tool: standard uncertainties of their heights.
+        expected, left: standard uncertainty of their difference due to tilt, by the tolerances
+            alone, and with all measurements; inf if nothing constrains it.
         open: whether the tool's height is known much worse than the probe's.
-        found: from where to where the probe stands against the tool, more than a level platform
-            would hold it, at the machine as it is now.
-        at: rows where the tool itself is to touch (n,); with_tool: its standard deviation with
+        found: range of the probe's height relative to the tool, beyond that of a level platform,
+            at the machine as it is now.
+        at: rows where the tool itself should touch (n,); with_tool: its standard uncertainty with
             these touches; with_other: with as many of a probe on the other side of the tool.
     """
 
@@ -63,13 +63,13 @@ class ToolHeight:
 
 
 def tool_height(fit: Fit) -> ToolHeight | None:
-    """Return how well the tool's height is known of which a probe has touched beside it.
+    """Return how well the tool's height is known after touches by a probe beside it.
 
-    None where no platform can tilt, or nothing was touched beside the tool; of several files that
-    which leaves most open.
+    None if the platform cannot tilt, or nothing was touched beside the tool; of several files the
+    one that leaves most open.
 
     Args:
-        fit: of a machine, or as it is before a fit.
+        fit: of a machine, or before a fit.
     """
     motion = fit.problem.mechanism.motion
     if motion.planar or not motion.turns:
@@ -108,9 +108,9 @@ def _judged(fit: Fit, i: int) -> ToolHeight | None:
 
 
 def _within(tool: Array, arm: Array) -> Ints:
-    """Return which places of the tool (n, 2) are no farther out than what a probe has touched.
+    """Return which places of the tool (n, 2) are no farther out than those the probe touched.
 
-    ``arm`` (n, 2): from the tool to the probe. All, where none is.
+    ``arm`` (n, 2): from the tool to the probe. All, if none is.
     """
     touched = tool + arm
     middle = touched.mean(axis=0)
@@ -119,7 +119,7 @@ def _within(tool: Array, arm: Array) -> Ints:
 
 
 def _slopes(fit: Fit, i: int, rows: Ints, target: Array) -> Array:
-    """Return d height (n, C) of a point of the platform over the flat, at touches of a probe."""
+    """Return d height (n, C) of a platform point over the flat, at touches of a probe."""
     datasets = list(fit.problem.datasets)
     datasets[i] = replace(datasets[i], target=Unknown(False, target))
     problem = fit.problem.changed(datasets=tuple(datasets))
@@ -132,27 +132,27 @@ def _slopes(fit: Fit, i: int, rows: Ints, target: Array) -> Array:
 
 
 def _by_tolerances(fit: Fit, slopes: Array) -> float:
-    """Return the standard deviation of slopes (n, C) . parameters by their tolerances, rms."""
+    """Return the standard uncertainty of slopes (n, C) . parameters by their tolerances, rms."""
     free = slice(len(fit.problem.free))
     with np.errstate(divide="ignore", invalid="ignore"):
         return _rms(np.where(slopes[:, free] == 0.0, 0.0, slopes[:, free] / fit.prior[free]))
 
 
 def _rms(root: Array) -> float:
-    """Return the standard deviation of n predictions with a root (n, r), rms over n."""
+    """Return the standard uncertainty of n predictions with a root (n, r), rms over n."""
     return float(np.sqrt(np.mean(np.sum(root**2, axis=1))))
 
 
 def _touched(wanted: Array, offered: Array, noise: float, enough: float, most: int = MOST
              ) -> tuple[list[int], float]:
-    """Return where to touch next, one after the other, and what is left of the wanted heights.
+    """Return where to touch next, one after the other, and the remaining uncertainty wanted.
 
     Args:
-        wanted: root (n, r) of the covariance of the heights that are to be known.
-        offered: of those that can be touched (m, r), likewise.
+        wanted: root (n, r) of the covariance of the wanted heights.
+        offered: the same for the heights that can be touched (m, r).
         noise: of a touch.
-        enough: the standard deviation, rms over n, at which no more is needed.
-        most: touches.
+        enough: the standard uncertainty, rms over n, at which no more touches are needed.
+        most: maximum number of touches.
     """
     half = np.concatenate([wanted, offered])
     if not np.isfinite(half).all():
@@ -171,9 +171,9 @@ def _touched(wanted: Array, offered: Array, noise: float, enough: float, most: i
 
 
 def tilt_sentences(fit: Fit, fitted: bool = True) -> Iterator[Note]:
-    """Yield how well the tool's height is known, and what would tell more of it.
+    """Yield how well the tool's height is known, and which touches would improve it.
 
-    ``fitted``: whether the machine is the one that the measurements make, and its tilt a finding.
+    ``fitted``: whether the machine was fitted to the measurements, so that its tilt is a finding.
     """
     found = tool_height(fit)
     if found is not None:
@@ -193,18 +193,18 @@ def _sentence(found: ToolHeight, data: Dataset, fit: Fit, fitted: bool) -> str:
     told = (f"{data.name}: the probe stands {x}, {y} {unit} beside the tool, and the platform can "
             "tilt. ")
     if not np.isfinite(found.tool):
-        return (f"{told}These heights leave the tool's height over the flat open, and no "
-                f"tolerance holds it: touch with the tool itself too, in a file with {file}.")
+        return (f"{told}These heights do not determine the tool's height over the flat, nor does "
+                f"any tolerance: touch with the tool itself too, in a file with {file}.")
     told += (f"The tool's height over the flat is known to {said(found.tool)} {unit} (one standard "
              f"deviation), the probe's to {said(found.probe)}")
     if fitted:
         low, high = found.found
-        told += f"; by the fit tilt lifts the probe by {said(low)} to {said(high)} {unit}"
+        told += f"; in the fit, tilt lifts the probe by {said(low)} to {said(high)} {unit}"
     if not found.open:
         return f"{told}."
     allowed = "" if data.frame.fitted else (
         f", of {said(found.expected)} that the tolerances allow")
-    return (f"{told}. What is measured leaves {said(found.left)} {unit} of the difference open"
+    return (f"{told}. The measurements leave {said(found.left)} {unit} of the difference open"
             f"{allowed}. {len(found.at)} touches of the tool itself (at x, y "
             f"{_places(found, fit, factor)} {unit}, in a file with {file}) would bring the tool to "
             f"{said(found.with_tool)} {unit}; as many of a probe on the other side of it, to "
@@ -212,7 +212,7 @@ def _sentence(found: ToolHeight, data: Dataset, fit: Fit, fitted: bool) -> str:
 
 
 def _places(found: ToolHeight, fit: Fit, factor: float) -> str:
-    """Return where to touch, in two digits of the farthest place."""
+    """Return where to touch, to two digits of the farthest place."""
     at = cga.translation(fit.state.poses[found.dataset][list(found.at), :8])[:, :2] / factor
     least = BESIDE * fit.problem.mechanism.length_scale / factor
     digit = 10.0 ** np.floor(np.log10(max(float(np.max(np.abs(at))), least)) - 1.0)

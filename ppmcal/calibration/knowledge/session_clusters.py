@@ -1,4 +1,4 @@
-"""The rows of a fit in groups that may differ: sessions, or stretches of rows.
+"""The rows of a fit in clusters that may differ: sessions, or blocks of rows.
 
 Their normal equations, and the directions in which their machines may differ.
 """
@@ -14,17 +14,17 @@ from ppmcal.calibration.fit import Fit, WhiteBlock, to_prior, white_blocks
 from ppmcal.linalg import Array, Bools, eigh
 
 RIDGE = 1e-6
-"""Information, in units of tolerance, where there is none: what nothing sees stays finite."""
+"""Added information, in units of tolerance, so that unseen directions stay finite."""
 FEW, OTHERS = 3, "others"
-"""Classes of fewer parameters have one variance together: two numbers do not tell their own."""
+"""Classes of fewer parameters share one variance: two numbers do not determine their own."""
 
 
 @dataclass(frozen=True, eq=False)
 class Clusters:
-    """Rows of a fit in S groups, columns in natural units (C): normal equations of each.
+    """Rows of a fit in S clusters, columns in natural units (C): normal equations of each.
 
     ``matrix`` (S, C, C), ``right`` (S, C), ``square`` and ``count`` (S,); ``prior`` (C,) weights
-    and ``away`` (C,) how far nominal is from the estimate, both in natural units too.
+    and ``away`` (C,) from the estimate to nominal, both in natural units too.
     """
 
     labels: tuple[str, ...]
@@ -44,7 +44,7 @@ class Clusters:
                    to_prior(fit.problem, fit.state) / fit.scale)
 
     def add(self, cluster: int, rows: Array, values: float, sign: float = 1.0) -> None:
-        """Add rows (n, m, C + 1), the residual last, to a cluster; ``sign`` -1 takes them away."""
+        """Add rows (n, m, C + 1), residual last, to a cluster; ``sign`` -1 removes them."""
         own = rows.reshape(-1, rows.shape[-1])
         square = sign * own.T @ own
         self.matrix[cluster] += square[:-1, :-1]
@@ -53,7 +53,7 @@ class Clusters:
         self.count[cluster] += sign * values
 
     def weighted(self, weight: Array | float) -> Clusters:
-        """Return them with their rows' squares times a weight, of each cluster (S,) or of all."""
+        """Return them with squares of rows multiplied by a weight, by cluster (S,) or common."""
         each = np.broadcast_to(weight, len(self.labels))
         return replace(self, matrix=self.matrix * each[:, None, None],
                        right=self.right * each[:, None], square=self.square * each)
@@ -61,9 +61,9 @@ class Clusters:
 
 @dataclass(frozen=True, eq=False)
 class Components:
-    """Directions (C, m) in which clusters may differ, and which variance (m,) each has.
+    """Directions (C, m) in which clusters may differ, and the index (m,) of each one's variance.
 
-    Where clusters have directions of their own these are (S, C, m).
+    If clusters have directions of their own these are (S, C, m).
     """
 
     directions: Array
@@ -99,20 +99,20 @@ def clusters(fit: Fit, labels: Sequence[str], masks: Sequence[Sequence[Bools]]) 
 
 
 def by_gaps(data: Clusters) -> Components:
-    """Return directions that each cluster sees alike: one variance, in units of its own noise.
+    """Return directions that each cluster sees equally: one variance, in units of its own noise.
 
-    What a model of joint values alone leaves is gaps of limbs, smooth over the workspace: clusters
-    differ as so much noisier rows would make them. Tolerances are no measure of that: a block that
-    hardly sees a direction needs far more of them there, and has them nowhere else.
+    The residuals of joint values alone are gaps of limbs, smooth over the workspace: clusters
+    differ as noisier rows would make them. Tolerances do not measure that: a block that
+    hardly sees a direction would need far more of them there, and none elsewhere.
     """
     size, turn = eigh(data.matrix + np.diag(data.prior**2 + RIDGE))
-    size = np.maximum(size, RIDGE)    # round-off, beside rows that are all but exact
+    size = np.maximum(size, RIDGE)    # round-off, beside rows that are almost exact
     return Components(turn / np.sqrt(size)[:, None, :], np.zeros(size.shape[1], dtype=int),
                       ("gaps",))
 
 
 def components(fit: Fit) -> Components:
-    """Return one variance per class of parameters, and one for what a class shares."""
+    """Return one variance per class of parameters, and one for the common part of a class."""
     parameters = [fit.problem.mechanism.parameters[p] for p in fit.problem.free]
     value = np.array([fit.state.g[p] for p in fit.problem.free])
     classes = [p.tolerance_class or p.name.split(".")[0] for p in parameters]
@@ -127,7 +127,7 @@ def components(fit: Fit) -> Components:
         columns += [np.eye(size)[c] for c in own]
         member += [len(names)] * len(own)
         names.append(name)
-        # all parts grow by the same part of their size, drives that start at 0 by the same length
+        # all parts grow in proportion to their size, drives that start at 0 by the same length
         lengths = [c for c in own if parameters[c].quantity == "length"]
         if name == OTHERS or len(lengths) <= FEW:
             continue

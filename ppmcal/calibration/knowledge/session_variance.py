@@ -1,15 +1,15 @@
-"""How far sessions of one machine disagree, and what that makes of the intervals.
+"""How far sessions of one machine disagree, and how that widens the intervals.
 
-Each session has a machine of its own, theta_s = theta + delta_s: drives are homed anew, parts are
+Each session has a machine of its own, theta_s = theta + delta_s: drives are homed again, parts are
 warmer, somebody leant on the frame. delta_s has one variance per class of parameters, in units of
 their tolerances, and one per class for a growth that all of its parameters share. Given the
-variances D, the estimate of the fit to everything, which weighs rows by their noise alone, has
+variances D, the estimate of the fit to everything, which weights rows by their noise alone, has
 
     H^-1 (psi^2 sum A_s + sum A_s D A_s + P) H^-1,    H = sum A_s + P,
 
 with A_s the information of session s and P that of the prior. D and the noise within sessions are
-drawn from their posterior given the rows, theta and all frames integrated out (restricted
-likelihood), with the uniform shrinkage prior of Daniels (Canad. J. Statist. 27, 1999); intervals
+drawn from their posterior given the rows, with theta and all frames integrated out (restricted
+likelihood), and the uniform shrinkage prior of Daniels (Canad. J. Statist. 27, 1999); intervals
 are quantiles of the mixture, so that few sessions give the wide tails of few degrees of freedom.
 """
 
@@ -37,35 +37,35 @@ from ppmcal.inference.row_weights import log_ratio
 from ppmcal.linalg import Array, Bools, reciprocals, svd
 
 SWEEPS, WARM_UP, LEAST_SWEEPS = 600, 0.2, 80
-"""Draws of all variances times clusters, the part of them thrown away, and at least so many."""
+"""Draws of all variances times clusters, the part discarded as warm-up, and minimum of sweeps."""
 STEP = 1.3
-"""Of the logarithm of a variance's root."""
+"""Proposal width for the logarithm of a standard deviation."""
 NOTHING = 1e-6
-"""Tolerances that clusters differ by where they do not."""
+"""Difference of clusters in tolerances that stands for none."""
 SMALLEST, APART, NOISES = -3.0, 1.5, 4
-"""The logarithm of the smallest size, in noise of one cluster, and of one over the next, and how
-many sizes of the noise: over these it is summed whether clusters differ."""
+"""Grid over which the evidence that clusters differ is summed: log of the smallest size, in noise
+of one cluster, step of the log, and number of noise sizes."""
 WIDEST = 30.0
-"""Sessions differ by no more than so many tolerances, or units of comparable effect."""
+"""Sessions differ by at most this many tolerances, or units of comparable effect."""
 
 
 @dataclass(frozen=True, eq=False)
 class SessionVariance:
-    """What clusters of rows make of the uncertainty, SI.
+    """Effect of differing clusters of rows on the uncertainty, SI.
 
     Attributes:
         labels: of the clusters (S,).
-        covariance: of all columns (C, C), disagreement included; the frame and target of one
-            cluster are those in which the common machine is seen then.
-        half: half of the 95 % interval of every column (C,), inf where unbounded.
-        odds: logarithm of the odds that clusters differ, in whatever.
-        own, own_sigma: each cluster's own estimate of the parameters, all else fitted with it,
-            as a step from the common one, and its uncertainty by noise (S, F).
-        p_value: of all clusters having one value, by parameter (F,); it decides nothing.
-        apart: probability that they have not (F,).
-        spread: class of parameters -> how far clusters differ, in tolerances (rms).
-        sessions: whether clusters are sessions, not stretches of rows.
-        coverage: half of a 95 % interval over ``own_sigma``, the size of the noise integrated out.
+        covariance: of all columns (C, C), disagreement included; frame and target of a single
+            cluster are those in which the common machine appears there.
+        half: half width of the 95 % interval of every column (C,), inf where unbounded.
+        odds: log odds that clusters differ in anything.
+        own, own_sigma: each cluster's own estimate of the parameters, with everything else
+            fitted, as a step from the common one, and its uncertainty by noise (S, F).
+        p_value: of all clusters having one value, by parameter (F,); for information only.
+        apart: probability that they differ (F,).
+        spread: class of parameters -> difference between clusters, in tolerances (rms).
+        sessions: whether clusters are sessions, not blocks of rows.
+        coverage: half width of a 95 % interval over ``own_sigma``, noise size integrated out.
     """
 
     labels: tuple[str, ...]
@@ -82,7 +82,7 @@ class SessionVariance:
 
     @property
     def differ(self) -> bool:
-        """Whether clusters more likely differ than not, in whatever."""
+        """Whether clusters more likely differ than not, in anything."""
         return self.odds > 0.0
 
     @property
@@ -95,7 +95,7 @@ DIFFERENCES = "how far sessions, or stretches of rows, differ"
 
 
 class _Posterior:
-    """The posterior of the variances: theta and all frames are integrated out."""
+    """The posterior of the variances, with theta and all frames integrated out."""
 
     def __init__(self, data: Clusters, parts: Components, most: float, widest: float = WIDEST
                  ) -> None:
@@ -111,13 +111,13 @@ class _Posterior:
         self.whole = data.matrix.sum(axis=0)
         self.covariance = linalg.inv(self.whole + self.prior, DIFFERENCES)
         if not np.all(np.diagonal(self.covariance) > 0.0):
-            raise LinearAlgebraError(f"{DIFFERENCES} could not be had: what the tolerances say "
-                                     "drowns in the round-off of what the data say",
+            raise LinearAlgebraError(f"{DIFFERENCES} could not be had: the tolerances drown in "
+                                     "the round-off of the data",
                                      hint="Look for a sigma that is far too small")
 
     @cached_property
     def shrinkage(self) -> Array:
-        """Variances (K,) that one session's noise has, in units of the tolerances."""
+        """Variances (K,) equal to one session's noise, in units of the tolerances."""
         g = self.parts.directions
         if g.ndim > 2:
             return np.ones(len(self.parts.names))
@@ -127,7 +127,7 @@ class _Posterior:
                          for k in range(len(self.parts.names))])
 
     def log(self, sizes: Array) -> float:
-        """Return the log posterior of log sizes (K,) and, last, of the noise's factor."""
+        """Return the log posterior of log sizes (K,) and, last, of the log noise factor."""
         variance = np.exp(2.0 * sizes[:-1])
         if np.any(variance > self.widest**2) or not 0.0 <= sizes[-1] <= self.most:
             return -np.inf
@@ -135,7 +135,7 @@ class _Posterior:
         return self.likelihood(sizes) + float(np.sum(np.log(prior)))
 
     def likelihood(self, sizes: Array) -> float:
-        """Return the restricted log likelihood of log sizes (K,) and the noise's factor."""
+        """Return the restricted log likelihood of log sizes (K,) and the log noise factor."""
         spread, noise = np.exp(sizes[:-1]), float(np.exp(2.0 * sizes[-1]))
         each = spread[self.parts.member]
         inner = each[:, None] * self.inner * each / noise
@@ -155,7 +155,7 @@ class _Posterior:
 
     @cached_property
     def odds(self) -> float:
-        """Logarithm of the odds that clusters differ, in one thing or in all, by whatever size."""
+        """Log odds that clusters differ, in one class or in all, by any size."""
         k, usual = len(self.parts.names), 0.5 * np.log(self.shrinkage)
         none = np.full(k, np.log(NOTHING))
         widest = np.log(self.widest)
@@ -169,7 +169,7 @@ class _Posterior:
         return float(logit(float(MOVED)) + there - nothing)
 
     def draws(self, seed: int) -> Array:
-        """Return draws of variances (n, K) and, last, of the noise's factor squared."""
+        """Return draws of variances (n, K) and, last, of the squared noise factor."""
         rng = np.random.default_rng(seed)
         at = np.append(0.5 * np.log(self.shrinkage) - 1.0, 0.5 * self.most)
         at[:-1] = np.minimum(at[:-1], np.log(self.widest) - 0.1)
@@ -191,27 +191,27 @@ class _Posterior:
 
 def differs(fit: Fit, data: Clusters, inflation: float = 1.0, parts: Components | None = None,
             widest: float = WIDEST) -> bool:
-    """Whether clusters more likely differ than not, as :func:`session_variance`, but quick."""
+    """Whether clusters more likely differ than not; a fast version of :func:`session_variance`."""
     return _chances(data, parts or components(fit), inflation, widest).odds > 0.0
 
 
 def _chances(data: Clusters, parts: Components, inflation: float, widest: float = WIDEST
              ) -> _Posterior:
-    """Return the posterior in units of the stated noise, the estimate staying what it is."""
+    """Return the posterior in units of the stated noise, with the estimate unchanged."""
     return _Posterior(data.weighted(inflation**2), parts, float(np.log(inflation)), widest)
 
 
 def session_variance(fit: Fit, data: Clusters, inflation: float = 1.0, widest: float = WIDEST,
                      seed: int = 0, parts: Components | None = None) -> SessionVariance:
-    """Return what clusters of rows make of the uncertainty of a fit.
+    """Return the effect of differing clusters of rows on the uncertainty of a fit.
 
-    No interval is longer than what holds all that the tolerance allows.
+    No interval is longer than one that contains all that the tolerance allows.
 
     Args:
         fit: with rows ``inflation`` times as noisy as stated.
         data: its rows by cluster.
-        inflation: see there; the noise within clusters is between the stated one and that.
-        widest: tolerances that clusters may differ by.
+        inflation: upper limit of the noise within clusters, relative to the stated noise.
+        widest: maximum difference of clusters in tolerances.
         seed: of the draws.
         parts: in which directions clusters may differ; None: :func:`components`.
     """
@@ -227,7 +227,7 @@ def session_variance(fit: Fit, data: Clusters, inflation: float = 1.0, widest: f
     leaks -= _registered(data, parts, len(fit.problem.free))
     member = np.tile(parts.member, len(data.labels))
     added = [leaks[:, member == k] @ leaks[:, member == k].T for k in range(len(parts.names))]
-    # where clusters differ, that was counted as noise, and the noise is less
+    # differences between clusters were counted as noise, which is smaller without them
     added.append(known @ data.matrix.sum(axis=0) @ known)
     parts_of = drawn / np.append(np.ones(len(parts.names)), inflation**2)
     parts_of[:, -1] -= 1.0
@@ -236,7 +236,7 @@ def session_variance(fit: Fit, data: Clusters, inflation: float = 1.0, widest: f
     allowed = np.abs(data.away) + Z95 * reciprocals(data.prior, np.inf)
     half = np.minimum(half, allowed * fit.scale)
     half[np.isinf(np.diagonal(posterior(fit)))] = np.inf
-    # the mean of few sessions' draws is that of their widest: half of them are wider than this
+    # with few sessions the mean of the draws is that of the widest; hence the median
     middle = np.median(parts_of, axis=0)
     covariance = known + sum(m * b for m, b in zip(middle, added, strict=True))
     own, sigma, square = _each(data, chances.prior, len(fit.problem.free),
@@ -251,10 +251,10 @@ def session_variance(fit: Fit, data: Clusters, inflation: float = 1.0, widest: f
 
 
 def _registered(data: Clusters, parts: Components, count: int) -> Array:
-    """Return what frames and targets of one cluster alone take of its difference (C, S m).
+    """Return the part of a cluster's difference absorbed by its own frames and targets (C, S m).
 
-    Such a frame is where the common machine is seen from on that day: what is rigid in the
-    difference is in the frame and no error of a command in it.
+    The common machine is seen from such a frame on that day: a rigid difference is in the frame,
+    and is no error of a command in it.
     """
     size = data.matrix.shape[1]
     seen = np.abs(np.diagonal(data.matrix, axis1=1, axis2=2)) > 0.0

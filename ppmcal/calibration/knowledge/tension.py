@@ -1,9 +1,9 @@
-"""Do files of different instruments tell of one machine? Estimated noise hides it if they do not.
+"""Do the files of different instruments belong to one machine? Noise estimates hide it if not.
 
-What heights and distances disagree about is left over where both are fitted, and an estimate takes
-it for the noise of both. Each instrument alone shows what its own noise is: with that, the
-chi-squared of the common fit exceeds the sum of those alone by what noise makes of it, if one
-machine is behind both.
+A disagreement of heights and distances stays in the residuals of a fit to both, and an estimate
+takes it for the noise of both. The noise of each instrument shows in a fit to it alone: with this
+noise, the chi-squared of the common fit exceeds the sum of those alone by no more than noise
+explains, if both are of one machine.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ from ppmcal.model.dataset import Dataset
 from ppmcal.notes import Note
 
 MOST_ROWS = 200
-"""Each row in turn is left out of no more than so many."""
+"""With at most this many rows, each is left out in turn."""
 
 
 @dataclass(frozen=True)
 class PulledApart:
-    """How instruments pull apart.
+    """How far instruments disagree.
 
-    ``probability``: that they tell of several machines; ``noise``: of each alone over the stated
-    one (S,), from so many ``degrees`` of freedom (S,).
+    ``probability``: that they measured different machines; ``noise``: of each alone over the
+    stated noise (S,), from so many ``degrees`` of freedom (S,).
     """
 
     probability: float
@@ -48,19 +48,19 @@ class PulledApart:
 
     @property
     def likely(self) -> bool:
-        """Whether they do more likely than not."""
+        """Whether they disagree more likely than not."""
         return self.probability > 0.5
 
 
 def pulled_apart(fit: Fit, stated: Sequence[Dataset]) -> list[Note]:
-    """Return a sentence where instruments tell of different machines by more than their noise.
+    """Return a note if instruments disagree about the machine by more than their noise.
 
     Args:
-        fit: with the noise as it was estimated.
-        stated: the file of each of its data sets, with the noise as that states it.
+        fit: with the estimated noise.
+        stated: the file of each of its data sets, with the stated noise.
     """
     if not any(d.estimated for d in stated):
-        return []    # the check of the noise tells it
+        return []    # the noise check reports it
     kinds = list(dict.fromkeys(d.kind for d, k in zip(stated, fit.keep, strict=True) if k.any()))
     if len(kinds) < 2:
         return []
@@ -80,11 +80,11 @@ def pulled_apart(fit: Fit, stated: Sequence[Dataset]) -> list[Note]:
 
 
 def split(data: Clusters) -> PulledApart:
-    """Return whether instruments pull apart.
+    """Return whether instruments disagree.
 
     Args:
-        data: rows of at least two by instrument, white by the noise that was stated, linearised at
-            one machine.
+        data: rows of at least two, by instrument, white by the stated noise, linearised at one
+            machine.
     """
     alone = [_left(data, [s]) for s in range(len(data.labels))]
     freedom = np.array([LEAST + degrees for _, degrees in alone])
@@ -110,7 +110,7 @@ def _left(data: Clusters, some: Sequence[int]) -> tuple[float, float]:
 def _worst_row(fit: Fit, data: Clusters, rows: Sequence[tuple[int, int, int, Array, int]]) -> str:
     """Return without which row the instruments agree best, if they do.
 
-    ``rows``: instrument, data set, index, white values and how many they are.
+    ``rows``: instrument, data set, index, white values and number of values.
     """
     without = []
     for s, _, _, own, values in rows if len(rows) <= MOST_ROWS else ():
@@ -128,11 +128,11 @@ def _worst_row(fit: Fit, data: Clusters, rows: Sequence[tuple[int, int, int, Arr
 
 
 def _sentence(fit: Fit, data: Clusters, found: PulledApart) -> str:
-    """Return what instruments say against each other, in units of the file."""
+    """Return the contradiction between instruments, in units of the file."""
     each = ", ".join(f"{n} {s:.3g}" for n, s in zip(data.labels, found.noise.tolist(),
                                                     strict=True))
-    out = (f"{' and '.join(data.labels)} disagree (probability {found.probability:.2g}): each "
-           f"alone shows {each} times the stated noise, and together they show more")
+    out = (f"{' and '.join(data.labels)} disagree (probability {found.probability:.2g}): alone "
+           f"their noise is {each} times the stated noise, and together it is more")
     count, own = len(fit.problem.free), data.weighted(found.noise**-2)
     inverse = linalg.inv(own.matrix + np.diag(data.prior**2 + RIDGE))
     step = np.einsum("scd,sd->sc", inverse, own.right + data.prior**2 * data.away)[:, :count]
@@ -143,23 +143,23 @@ def _sentence(fit: Fit, data: Clusters, found: PulledApart) -> str:
     factor, unit = units.factor(parameter.quantity), units.name(parameter.quantity)
     value, scale = float(fit.state.g[place]), float(fit.scale[worst])
     return out + "; " + ", ".join(
-        f"{n} alone {'say' if k else f'say {parameter.name}'} "
+        f"{n} alone {'give' if k else f'give {parameter.name}'} "
         f"{(value + scale * v) / factor:.6g} +- {coverage_by(f) * scale * d / factor:.2g} {unit}"
         for k, (n, v, d, f) in enumerate(zip(data.labels, step[:, worst].tolist(),
                                              sigma[:, worst].tolist(), found.degrees.tolist(),
                                              strict=True)))
 
 
-# --- is it noise, or has what does not fit become it? ---------------------------------------------
+# --- is it noise, or a misfit taken for noise? ----------------------------------------------------
 #
-# An estimate takes whatever is left for noise, measurements of another machine too. Where it
-# exceeds what the tolerances do to the readings, the rows have told nothing of the machine.
+# An estimate takes any residual for noise, even measurements of another machine. If it exceeds what
+# the tolerances do to the readings, the rows carry no information about the machine.
 
 def noise_beyond_tolerances(fit: Fit, which: Sequence[bool]) -> list[Note]:
-    """Return a sentence for each data set whose estimated noise hides all that tolerances do.
+    """Return a note for each data set whose estimated noise hides the effect of all tolerances.
 
     Args:
-        fit: with the noise as it was estimated; without tolerances there is nothing to compare.
+        fit: with the estimated noise; without tolerances there is nothing to compare.
         which: data sets whose noise is estimated (D,).
     """
     out = []
@@ -173,10 +173,10 @@ def noise_beyond_tolerances(fit: Fit, which: Sequence[bool]) -> list[Note]:
         of = noise_quantity(data)
         unit, factor = data.units.name(of), data.units.factor(of)
         out.append(
-            Note(f"{data.name}: what is left, {noise / factor:.3g} {unit}, is taken for noise, and "
-                 "is more than this machine's tolerances move the readings "
-                 f"({moved * noise / factor:.3g} {unit}): these rows tell nothing of the machine; "
-                 "check that they are of it, how their columns are read, and the tolerances",
+            Note(f"{data.name}: the residuals, {noise / factor:.3g} {unit}, are taken for noise, "
+                 "but exceed what this machine's tolerances do to the readings "
+                 f"({moved * noise / factor:.3g} {unit}): these rows carry no information about "
+                 "the machine; check that they are of it, their columns, and the tolerances",
                  topic="noise"))
     return out
 

@@ -1,4 +1,4 @@
-"""Several sessions of one machine: what is common, what has changed between them."""
+"""Several sessions of one machine: what is common, and what changed between them."""
 
 from __future__ import annotations
 
@@ -33,5 +33,5 @@ if TYPE_CHECKING:
         session_knowledge as session_knowledge,
     )
 
-if not TYPE_CHECKING:   # who checks types sees which names there are
+if not TYPE_CHECKING:   # type checkers read the names above
     __getattr__ = on_first_use(__name__)

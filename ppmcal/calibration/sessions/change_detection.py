@@ -1,11 +1,11 @@
-"""Two calibrations of one machine: what has changed, and what only looks so.
+"""Two calibrations of one machine: what has changed, and what only seems to have.
 
 The data of both as rows of one linear problem: parameters, their tolerances, and what both took
-for known (:mod:`session_knowledge`) are common columns, so that what is off alike in both is no
-change. What is left of the new rows, in the directions that the old ones and the tolerances
-predict, has covariance 1 if nothing changed, whatever parameters trade among each other. Which
-explanations are in it, or nothing, is a posterior (:mod:`explanations`); chi-squared of everything
-together is reported beside it and decides nothing.
+as known (:mod:`session_posteriors`) are common columns, so that errors shared by both are no
+change. The misfit of the new rows, in the directions that the old ones and the tolerances
+predict, has covariance 1 if nothing changed, however parameters trade off. Which explanations
+are in it, or none, is a posterior (:mod:`explanations`); chi-squared of everything
+together is reported beside it for information only.
 """
 
 from __future__ import annotations
@@ -50,10 +50,10 @@ from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.notes import NOTE, Note
 
 VISIBLE = 1e-3
-"""A change counts as seen where one natural unit of it makes so many standard deviations."""
+"""A change counts as seen if one natural unit of it is at least this many standard deviations."""
 POSES = 400
 DRAWS = 20
-"""Differences drawn by noise alone, for what they are at the platform."""
+"""Differences drawn from noise alone, for their effect at the platform."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class ChangePart:
 
 @dataclass(frozen=True)
 class Change:
-    """Something that changed, by its ``probability``; ``instead``: or these."""
+    """Something that changed, with its ``probability``; ``instead``: alternatives."""
 
     name: str
     parts: tuple[ChangePart, ...]
@@ -78,22 +78,22 @@ class Change:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What two calibrations say together, SI.
+    """Comparison of two calibrations, SI.
 
     Attributes:
         names: parameters that both had free (F,).
         old, new: their values (F,).
-        sigma: of the differences that noise and tolerances alone make (F,).
-        alone: how often noise would ask as much for a change of this one alone (F,).
-        explained: how much of each is changed by what is named (F,).
-        chi2, freedom, p_value: of all together if nothing had changed; it decides nothing.
+        sigma: of differences due to noise and tolerances alone (F,).
+        alone: chance that noise would suggest as large a change of this one alone (F,).
+        explained: part of each change that the named changes explain (F,).
+        chi2, freedom, p_value: of all together if nothing had changed; for information only.
         nothing: probability that nothing has changed.
-        changes: the likeliest that explain it; ``unlisted``: probability that something that is
-            not listed has changed, alone or beside them.
-        noise: of the differences, over the stated ones.
-        pose_difference: what it means at the platform, None where no pose was had.
-        covariance: of the differences, as ``sigma`` (F, F).
-        why_not: why the two cannot be compared, empty where they can.
+        changes: the most probable explanations; ``unlisted``: probability that something not
+            listed has changed, alone or beside them.
+        noise: of the differences, over the stated noise.
+        pose_difference: effect at the platform, None if no pose was available.
+        covariance: of the differences, like ``sigma`` (F, F).
+        why_not: why the two cannot be compared, empty if they can.
     """
 
     names: tuple[str, ...]
@@ -115,7 +115,7 @@ class Comparison:
 
     @classmethod
     def impossible(cls, why: str) -> Comparison:
-        """Return the comparison of two calibrations that cannot be compared: it has no p-value."""
+        """Return the comparison of two calibrations that cannot be compared, without p-value."""
         none = np.zeros(0)
         return cls((), none, none, none, none, none, 0.0, 0, np.nan, np.nan, (), np.nan,
                    DifferenceNoise(np.nan, np.nan, np.inf, 1.0, False), None, np.zeros((0, 0)),
@@ -123,12 +123,12 @@ class Comparison:
 
     @property
     def coverage(self) -> float:
-        """Half of a 95 % interval of a difference over its sigma."""
+        """Half width of a 95 % interval of a difference over its sigma."""
         return coverage_by(self.noise.degrees)
 
     @property
     def changed(self) -> bool:
-        """Whether something has changed for sure."""
+        """Whether something has surely changed."""
         return not self.why_not and self.nothing < 1.0 - float(SURE)
 
 
@@ -138,13 +138,13 @@ def between(mechanism: Mechanism, old: Posterior, new: Posterior,
     """Return what changed between two identifications, and what makes that doubtful.
 
     ``mechanism``: the newer; ``volume``: coordinate -> (low, high) of the poses at which the
-    platform is compared, which is not asked where it is empty.
+    platform is compared, not compared if empty.
 
     Raises:
-        BadInput: they had other parameters free; see :mod:`joint_fit`.
+        BadInput: they had different parameters free; see :mod:`joint_fit`.
     """
     if set(old.places) != set(new.places):
-        raise BadInput("had other parameters free than the newer one", old.source,
+        raise BadInput("had different parameters free from the newer one", old.source,
                        "Identify both with the same --free")
     common, notes = list(old.places), list[Note]()
     both = sorted(set(old.inputs) & set(new.inputs))
@@ -154,13 +154,13 @@ def between(mechanism: Mechanism, old: Posterior, new: Posterior,
                           "its own files", topic="inputs"))
     found = _compared(mechanism, old, new, common, notes)
     if not found.freedom:
-        return Comparison.impossible("the two sessions have no direction in common that both "
-                                     "measured: nothing that one found foretells the other"), notes
+        return Comparison.impossible("no direction was measured in both sessions, so that neither "
+                                     "predicts anything of the other"), notes
     defining = new.defining.names if new.defining else ()
     notes += [Note(f"{c.name} defines a frame, so it is not fitted; the table shows its change as "
                    "a motion of the other points", NOTE, "gauge")
               for c in found.changes if c.name in defining]
-    # a machine of fewer actuators than coordinates does not reach poses drawn at random
+    # a machine with fewer actuators than coordinates does not reach poses drawn at random
     if volume and not mechanism.dependent:
         poses = np.stack([rng.uniform(*volume.get(c, (0.0, 0.0)), POSES)
                           for c in POSE_COORDINATES], axis=-1)
@@ -194,7 +194,7 @@ def _compared(mechanism: Mechanism, old: Posterior, new: Posterior, common: list
         candidates = explanations(mechanism, names, rows.candidates, rows.defining)
         return explained_by(candidates, [block(e) for e in candidates], rows.misfit, known)
 
-    # whether anything has changed is reported without a name for it
+    # that something has changed is reported even without a name for it
     found = secondary("what has changed", named, explained_by((), (), rows.misfit, known), notes)
     here = [new.places.index(p) for p in common]
     covariance = rows.covariance()[np.ix_(here, here)]
@@ -227,7 +227,7 @@ def _drawn(covariance: Array, count: int, rng: np.random.Generator) -> Array:
 
 
 def _step(mechanism: Mechanism, place: int, now: float, step: float) -> float:
-    """Return a change of a parameter up to ``now``, SI, of a step; reciprocals have others."""
+    """Return a change of a parameter up to ``now``, SI, for a step; reciprocals differ."""
     return now - mechanism.parameters[place].stepped(now, -step) if step else 0.0
 
 
@@ -250,7 +250,7 @@ def _in_units(mechanism: Mechanism, found: TakenExplanation, place: Mapping[str,
 
 
 def posterior_of(fit: Fit, inputs: Mapping[str, str] | None = None) -> Posterior:
-    """Return what a fit ended with; ``inputs``: as in :class:`posterior.Posterior`."""
+    """Return the posterior of a fit; ``inputs``: see :class:`prior_information.Posterior`."""
     count, free = len(fit.problem.free), list(fit.problem.free)
     scale = fit.scale[:count]
     matrix, right = of_data(*data_rows(fit), count, scale)
@@ -260,14 +260,14 @@ def posterior_of(fit: Fit, inputs: Mapping[str, str] | None = None) -> Posterior
 
 
 def carried_on(fit: Fit, before: Posterior, options: FitOptions) -> list[Note]:
-    """Return what is odd about a fit that earlier data took part in: the machine has changed."""
+    """Return what is wrong with a fit that includes earlier data: the machine has changed."""
     free = set(fit.problem.free)
     fixed = [fit.problem.mechanism.names[p] for p in before.places if p not in free]
     if fixed:
-        return [Note("parameters that the earlier calibration had found are fixed now: "
+        return [Note("parameters identified by the earlier calibration are now fixed: "
                      f"{', '.join(fixed[:4])}{' ...' if len(fixed) > 4 else ''}; free them with "
                      "--free, or leave out --keep", topic="sessions")]
-    # what only the new rows have free is where the earlier calibration held it
+    # parameters free only for the new rows are put where the earlier calibration held them
     problem, g = replace(fit.problem, free=before.places, earlier=None), fit.state.g.copy()
     held = sorted(free - set(before.places))
     g[held] = problem.mechanism.values[held]
@@ -284,7 +284,7 @@ def carried_on(fit: Fit, before: Posterior, options: FitOptions) -> list[Note]:
 
 
 def _chance(square: float, freedom: int, degrees: float) -> float:
-    """Return how often noise makes as large a sum of squares; ``degrees``: that it is known by."""
+    """Return how often noise, known from so many ``degrees``, gives as large a sum of squares."""
     if freedom <= 0:
         return 1.0
     return float(chdtrc(freedom, square) if np.isinf(degrees)
@@ -292,7 +292,7 @@ def _chance(square: float, freedom: int, degrees: float) -> float:
 
 
 def _alone(columns: Array, misfit: Array) -> Array:
-    """Return two-sided p of each change being needed, if it were the only one (F,)."""
+    """Return the two-sided p-value of each change, if it were the only one (F,)."""
     length = np.linalg.norm(columns, axis=0)
     seen = length > VISIBLE
     z = np.where(seen, columns.T @ misfit / np.where(seen, length, 1.0), 0.0)

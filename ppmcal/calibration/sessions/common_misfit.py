@@ -1,7 +1,7 @@
-"""What two sessions miss alike: the model's part of the residuals, and the noise beside it.
+"""Misfit common to two sessions: the model's part of the residuals, and the noise beside it.
 
-What a model misses comes back at the same joint values; noise does not. Rows of two sessions that
-are nearest to each other are paired: of residuals that are alike, their difference is the noise.
+Errors of a model recur at the same joint values; noise does not. Rows of two sessions that
+are closest to each other are paired: where residuals are alike, their difference is the noise.
 """
 
 from __future__ import annotations
@@ -15,25 +15,25 @@ from ppmcal.calibration.fit import FAILED_NOISE, LEAST, PoseResiduals, Posterior
 from ppmcal.linalg import Array, Ints
 
 SAME = 0.2
-"""Poses are the same where they are nearer than this part of what lies between two of them."""
+"""Poses are the same if they are closer than this part of the typical spacing of poses."""
 
 SURE = 4.0
-"""Residuals are alike where chance would give a correlation of so many standard deviations."""
+"""Residuals are alike if their correlation exceeds chance by this many standard deviations."""
 MISSED = 5.0
-"""What the model misses may be this many times as large in its own columns as beside them."""
+"""Errors of the model may be this many times as large within its own columns as outside them."""
 LEAST_SHARE = 0.05
-"""Residuals are noise by this part at least: the same rows in both tell nothing of it."""
+"""Minimum part of the residuals that is noise: the same rows in both would suggest none."""
 
 
 @dataclass(frozen=True)
 class DifferenceNoise:
-    """Noise of two sessions over their stated ones, as the difference of the two has it.
+    """Noise of two sessions over their stated ones, for the difference of the two.
 
-    ``degrees``: of freedom that it was estimated from, inf where the stated ones hold; ``share``:
-    the part of the residuals' size that is noise, the rest is alike in both; ``same``: whether the
+    ``degrees``: degrees of freedom of its estimate, inf if the stated ones hold; ``share``:
+    part of the residuals' size that is noise, the rest is common to both; ``same``: whether the
     two measured the same poses; ``pairs``: rows of the old and the new (n,) that are one pose,
-    where both keep theirs as measured; ``alike``: rows of the same poses may miss alike by so many
-    times the noise, 0: they do not.
+    if both keep their rows as measured; ``alike``: size of errors that rows of the same poses may
+    have in common, times the noise, 0: none.
     """
 
     old: float
@@ -46,30 +46,30 @@ class DifferenceNoise:
 
 
 def noise_between(old: Posterior, new: Posterior) -> DifferenceNoise:
-    """Return the noise of two calibrations' data without what both miss alike."""
+    """Return the noise of two calibrations' data without their common misfit."""
     one, two = old.session, new.session
     if one is None or two is None:
         return DifferenceNoise(old.inflation, new.inflation, np.inf, 1.0, False)
     same, share = _paired(one.sights, two.sights)
     if not same:
-        # neighbours are alike, but what is fitted to other poses is not
+        # neighbouring rows are alike, but fits to different poses are not
         share = 1.0
     ratios, degrees = [], 0.0
     for session, posterior in ((one, old), (two, new)):
         ratio = share * session.noise
         if session.degrees < LEAST:
-            # as many columns as rows: of other poses nothing says how much is the model's
+            # as many columns as rows: with other poses the model's part is unknown
             ratios.append(1.0 if same else posterior.inflation)
             continue
         square = session.degrees * ratio**2
         chance = float(min(chdtr(session.degrees, square), chdtrc(session.degrees, square)))
         failed = chance < FAILED_NOISE
-        # what does not come back at the same poses scatters with the poses
+        # a misfit that does not recur at the same poses varies with the poses
         apart = max(1.0, session.spread / max(session.noise, 1e-300)) if share == 1.0 else 1.0
         ratios.append(ratio * apart if failed else 1.0)
         degrees += session.degrees * failed
     if degrees and share == 1.0 and _alike(one, two):
-        # what one shows the other misses too, at poses that it has not or as rows left out
+        # errors seen in one session are in the other too, at other poses or in left-out rows
         square = sum(s.degrees * r**2 for s, r in zip((one, two), ratios, strict=True))
         both = float(np.sqrt(square / (one.degrees + two.degrees)))
         ratios = [max(r, both) for r in ratios]
@@ -80,13 +80,13 @@ def noise_between(old: Posterior, new: Posterior) -> DifferenceNoise:
 
 
 def _alike(old: SessionKnowledge, new: SessionKnowledge) -> bool:
-    """Return whether two sessions measured with instruments of the same kinds."""
+    """Return whether two sessions used instruments of the same kinds."""
     one, two = (sorted({(v.kind, v.rotations) for v in s.sights}) for s in (old, new))
     return one == two
 
 
 def _single_rows(old: SessionKnowledge, new: SessionKnowledge) -> tuple[Ints, Ints] | None:
-    """Return which rows of the two are one pose, None where rows lack some coordinates."""
+    """Return which rows of the two are one pose, None if rows lack some coordinates."""
     if any(s.right.size != sum(d.rest.size for d in s.sights) for s in (old, new)):
         return None
     found: list[list[Ints]] = [[], []]
@@ -102,7 +102,7 @@ def _single_rows(old: SessionKnowledge, new: SessionKnowledge) -> tuple[Ints, In
 
 
 def _paired(old: tuple[PoseResiduals, ...], new: tuple[PoseResiduals, ...]) -> tuple[bool, float]:
-    """Return whether the poses are the same, and the difference over the residuals of pairs."""
+    """Return whether the poses are the same, and the difference of pairs over their residuals."""
     difference = size = 0.0
     same, count = len(old) == len(new), 0
     for a, b in zip(old, new, strict=False):
@@ -124,14 +124,14 @@ def _paired(old: tuple[PoseResiduals, ...], new: tuple[PoseResiduals, ...]) -> t
                 count += one.size
     if count < LEAST:
         return same, 1.0
-    # pairs that have nothing in common come out as alike by chance
+    # pairs that have nothing in common are this much alike by chance
     if 1.0 - difference / size < SURE / np.sqrt(size):
         return same, 1.0
     return same, float(np.clip(np.sqrt(difference / size), LEAST_SHARE, 1.0))
 
 
 def _once(sight: PoseResiduals) -> PoseResiduals:
-    """Return the first row of each pose that was repeated."""
+    """Return the first row of each repeated pose."""
     unit = np.ptp(sight.q, axis=0)
     places = np.round(sight.q / np.where(unit > 0.0, unit, 1.0), 9)
     first = np.sort(np.unique(places, axis=0, return_index=True)[1])
@@ -139,8 +139,8 @@ def _once(sight: PoseResiduals) -> PoseResiduals:
 
 
 def _nearest(a: Array, b: Array) -> tuple[Ints, Ints, bool]:
-    """Return pairs of rows that are each other's nearest, and whether they are the same poses."""
-    from scipy.spatial import cKDTree  # slow to import, asked of several files only
+    """Return pairs of rows that are mutually nearest, and whether they are the same poses."""
+    from scipy.spatial import cKDTree  # slow to import, needed for several files only
 
     unit = np.ptp(np.concatenate([a, b]), axis=0)
     unit = np.where(unit > 0.0, unit, 1.0)

@@ -1,4 +1,4 @@
-"""What machines of one design have in common: the mean over units, and how far they spread."""
+"""Common errors of machines of one design: the mean over units, and their spread."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from ppmcal.calibration.fit import coverage_by
 from ppmcal.linalg import Array
 
 FEWEST = 3
-"""Of fewer machines nothing is said to be common."""
+"""Fewest machines for statements about what is common."""
 CERTAIN = 0.01
-"""Chance below which a mean error is not that of units drawn around nominal."""
+"""Chance below which a mean error is not that of units scattered around nominal."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class CommonError:
     """The error of one number over n machines of one design, in its unit.
 
     ``mean`` +- ``half`` at 95 %, ``spread``: standard deviation between units, ``p_value`` of
-    a mean of 0, over all numbers that were asked (Holm).
+    a mean of 0, corrected for all numbers tested (Holm).
     """
 
     machines: int
@@ -38,10 +38,10 @@ class CommonError:
 
 
 def common_errors(errors: Sequence[Array]) -> list[CommonError | None]:
-    """Return the mean of each number over machines, None where there are too few.
+    """Return the mean of each number over machines, None if there are too few.
 
-    t = mean sqrt(n)/s with n - 1 degrees of freedom asks nothing of the stated sigmas; shrinkage
-    towards nominal by the prior makes it cautious. Source: Holm, Scand. J. Statist. 6 (1979).
+    t = mean sqrt(n)/s with n - 1 degrees of freedom does not use the stated sigmas; shrinkage
+    towards nominal by the prior makes it conservative. Source: Holm, Scand. J. Statist. 6 (1979).
 
     Args:
         errors: value - nominal of each number, one array (n,) for each, any unit.
@@ -54,7 +54,7 @@ def common_errors(errors: Sequence[Array]) -> list[CommonError | None]:
             continue
         mean, s = float(np.mean(e)), float(np.std(e, ddof=1))
         error = s / np.sqrt(n)
-        # equal to round-off: no spread to judge by, so nothing is said
+        # equal to round-off: there is no spread to judge by
         p = (1.0 if error <= 1e-12 * abs(mean)
              else float(2.0 * special.stdtr(n - 1, -abs(mean) / error)))
         found.append(CommonError(n, mean, error * coverage_by(n - 1), s, p))
@@ -68,7 +68,7 @@ def common_errors(errors: Sequence[Array]) -> list[CommonError | None]:
 
 
 def share_interval(count: int, total: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share when ``count`` of ``total`` were seen.
+    """Return the 95 % interval of a share if ``count`` of ``total`` were seen.
 
     Source: Clopper, Pearson, Biometrika 26 (1934).
     """

@@ -1,8 +1,8 @@
 """The noise of measurements that frozen machines are to predict: stated, or as the day shows it.
 
-What exceeds noise, and which registration data demand, rests on the noise. A file may say that its
-stated one only begins an estimate, or may plainly be wrong. A frozen machine's own errors are no
-noise; what a fit to that day leaves, geometry and registration free, is.
+The noise decides which errors exceed it, and which registration the data need. A file may state it
+only as the start of an estimate, or may be plainly wrong. Errors of a frozen machine are not noise;
+the residuals of a fit to that day, with geometry and registration free, are.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ STATED, RESIDUALS, REPEATS = "stated", "residuals", "repeats"
 
 @dataclass(frozen=True)
 class UnlikeRow:
-    """A row, by its number in the CSV, that is so many ``times`` the noise off the others."""
+    """A row, by its number in the CSV, that is off the others by so many ``times`` the noise."""
 
     row: int
     times: float
@@ -46,13 +46,13 @@ class UnlikeRow:
 
 @dataclass(frozen=True)
 class DayNoise:
-    """The noise that a day is judged by.
+    """The noise by which a day is judged.
 
     Attributes:
-        factor: over the stated one.
-        sigma: of a typical value or position, SI; nan where neither was measured.
+        factor: over the stated noise.
+        sigma: of a typical value or position, SI; nan if neither was measured.
         source: ``stated``; ``residuals`` of a fit to that day alone, or its ``repeats``.
-        unlike: rows that such a fit of the first machine leaves out.
+        unlike: rows left out by such a fit of the first machine.
         quantity: of ``sigma``.
     """
 
@@ -64,14 +64,14 @@ class DayNoise:
 
 
 def day_noise(machines: Sequence[Mechanism], data: Dataset) -> DayNoise:
-    """Return the noise of a data set; where it cannot be told, as it is stated.
+    """Return the noise of a data set; as stated if it cannot be determined.
 
-    It is estimated where the file wants that. Stated noise gives way where the data plainly say
-    otherwise: residuals far smaller than it, or repeats that scatter more. Larger residuals alone
-    do not: they may be what the model misses.
+    It is estimated if the file asks for that. Stated noise is replaced if the data plainly
+    contradict it: residuals far smaller than it, or repeats that scatter more. Larger residuals
+    alone do not: they may be errors of the model.
 
     Args:
-        machines: with their free geometry, which may be another that day; the least noise counts.
+        machines: with their free geometry, which may differ that day; the least noise counts.
         data: the data set.
     """
     wide = opened(data, data.kind.opened)
@@ -84,7 +84,7 @@ def day_noise(machines: Sequence[Mechanism], data: Dataset) -> DayNoise:
 
 
 def _own_fit(machine: Mechanism, data: Dataset) -> tuple[Fit, float] | None:
-    """Return a fit to that day alone and its noise over the stated one, None without one."""
+    """Return a fit to that day alone and its noise over the stated noise, None without one."""
     try:
         fit, factors = with_estimated_noise(
             Problem(machine, (data,), machine.free), FitOptions(), [data.estimated])
@@ -94,21 +94,21 @@ def _own_fit(machine: Mechanism, data: Dataset) -> tuple[Fit, float] | None:
 
 
 def _unlike(fit: Fit, data: Dataset) -> tuple[UnlikeRow, ...]:
-    """Return the rows that surely do not belong to a day's own fit, worst first."""
+    """Return the rows that surely do not belong, by a fit to that day alone, worst first."""
     times = fit.times[0] if fit.times else {}
     return tuple(sorted((UnlikeRow(int(data.rows[n]), size) for n, size in times.items()
                          if fit.outliers[0][n]), key=lambda row: -row.times))
 
 
 def _noise(fit: Fit, factor: float, data: Dataset) -> tuple[float, str]:
-    """Return the noise over the stated one and its source."""
+    """Return the noise over the stated noise, and its source."""
     check = noise_check(fit)
     repeats = check.repeat_ratio if check.repeat_degrees >= ENOUGH_REPEATS else None
     if data.estimated:
-        if repeats and repeats < 1.0:    # the rest is what the model misses
+        if repeats and repeats < 1.0:    # the rest is the model's error
             return factor * repeats, REPEATS
         return factor, RESIDUALS
-    if check.overstated and check.by_dataset:    # on redundancy enough
+    if check.overstated and check.by_dataset:    # with enough redundancy
         return (repeats, REPEATS) if repeats and repeats < check.sigma_ratio else (
             check.sigma_ratio, RESIDUALS)
     degrees = check.repeat_degrees
@@ -119,9 +119,9 @@ def _noise(fit: Fit, factor: float, data: Dataset) -> tuple[float, str]:
 
 def with_day_noise(machines: Sequence[Mechanism], datasets: Sequence[Dataset], notes: list[Note]
                    ) -> tuple[list[Dataset], list[DayNoise]]:
-    """Return data sets with the noise that they are judged by, and where it is from.
+    """Return data sets with the noise by which they are judged, and its source.
 
-    ``notes``: to which is added where it could not be looked at, and is as stated.
+    ``notes``: receives a note if it could not be examined and is as stated.
     """
     found = [secondary(f"the noise that {d.name} shows", partial(day_noise, machines, d),
                        DayNoise(1.0, float("nan"), STATED), notes) for d in datasets]

@@ -1,8 +1,8 @@
 """What may have changed between two sessions of a machine, and which of it explains a misfit.
 
 An explanation is some columns of the misfit: one parameter, all of one kind by the same amount,
-joints homed anew, an instrument or a flat that moved. Which of them are in the misfit is asked as
-everything is: a posterior over sets of them, nothing and what nobody listed among them.
+joints homed again, an instrument or a flat that moved. Which of them are in the misfit is decided
+as elsewhere: by a posterior over sets of them, including nothing and something unlisted.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ UNLISTED = "something that is not listed"
 class Explanation:
     """Something that may have changed.
 
-    ``columns``: what moves by one natural unit, name -> weight, for each of its numbers;
-    ``parts``: what these are called; ``share``: its part of the prior of what may have moved;
-    ``group``: what one thing does share it, as of a block.
+    ``columns``: for each of its numbers what moves by one natural unit, name -> weight;
+    ``parts``: names of its numbers; ``share``: its part of the prior of changes;
+    ``group``: explanations with a common cause share it, like that of a block.
     """
 
     name: str
@@ -46,9 +46,9 @@ class Explanation:
 
 @dataclass(frozen=True, eq=False)
 class TakenExplanation:
-    """An explanation that is taken: values and covariance of its numbers in natural units.
+    """An explanation that was chosen: values and covariance of its numbers in natural units.
 
-    ``probability``: that it is this one; ``instead``: names of those that it may be as well.
+    ``probability``: that it is this one; ``instead``: names of its alternatives.
     """
 
     explanation: Explanation
@@ -60,10 +60,10 @@ class TakenExplanation:
 
 @dataclass(frozen=True, eq=False)
 class Explained:
-    """What is in a misfit.
+    """The explanation of a misfit.
 
-    ``taken``: what has a name; ``nothing``: probability that nothing is there; ``unlisted``: that
-    something is that is not listed, alone or beside the others.
+    ``taken``: changes with a name; ``nothing``: probability that nothing changed; ``unlisted``:
+    that something not listed changed, alone or beside the others.
     """
 
     taken: tuple[TakenExplanation, ...]
@@ -78,9 +78,9 @@ def explanations(mechanism: Mechanism, parameters: Sequence[str], session: Seque
     Args:
         mechanism: names joints and limbs.
         parameters: names of those that both calibrations had free.
-        session: candidates that both sessions took for known, as in
-            :class:`posterior.SessionKnowledge`.
-        defining: names of those that define their frames, and may move as any of those.
+        session: candidates that both sessions took as known, as in
+            :class:`prior_information.SessionKnowledge`.
+        defining: names of those that define their frames, which may move like any other.
     """
     single = (*parameters, *defining)
     kind = {n: mechanism.parameters[mechanism.names.index(n)].tolerance_class for n in single}
@@ -118,7 +118,7 @@ def _together(mechanism: Mechanism, parameters: Sequence[str], kind: dict[str, s
 
 
 def _homing(mechanism: Mechanism, session: Sequence[str]) -> list[Explanation]:
-    """Return joints homed anew: each, all by the same amount, all."""
+    """Return joints homed again: each, all by the same amount, all."""
     own = [n for n in session if n.startswith("homing.")]
     if not own:
         return []
@@ -135,7 +135,7 @@ def _homing(mechanism: Mechanism, session: Sequence[str]) -> list[Explanation]:
 
 
 def _pulls(mechanism: Mechanism, session: Sequence[str]) -> list[Explanation]:
-    """Return ropes that pull with another force: by any kind of effect, any of its sets."""
+    """Return ropes that pull with another force: by any kind of effect, on any of its sets."""
     out = []
     for kind in effect_kinds().values():
         own = [n for n in session if kind.opposed and n.startswith(f"{kind.name}.")]
@@ -148,7 +148,7 @@ def _pulls(mechanism: Mechanism, session: Sequence[str]) -> list[Explanation]:
 
 
 def _instrument(own: Sequence[str], where: str) -> list[Explanation]:
-    """Return what may be about one data set: its flat or instrument, target, body and scale."""
+    """Return possible changes of one data set: its flat or instrument, target, body and scale."""
     by = {n.partition(" of ")[0]: n for n in own}
     out = []
 
@@ -163,7 +163,7 @@ def _instrument(own: Sequence[str], where: str) -> list[Explanation]:
     spin = tuple(f"target_rotation.{c}" for c in ("rx", "ry", "rz"))
     point = tuple(f"target.{c}" for c in "xyz")
     if f"shape.{SHAPES[0]}" in by:
-        # the frame is the machine's in the bed's; the bed moves the other way
+        # the frame is the machine's in the bed; the bed moves the other way
         take("height of the bed", ("frame.z",), 1.0 / 3.0, 1, -1.0)
         take("tilt of the bed", turn, 1.0 / 3.0, 2, -1.0)
         take("height and tilt of the bed", ("frame.z", *turn), 1.0 / 3.0, 3, -1.0)
@@ -181,13 +181,13 @@ def _instrument(own: Sequence[str], where: str) -> list[Explanation]:
 
 def explained_by(candidates: Sequence[Explanation], columns: Sequence[Array], misfit: Array,
                  known: float) -> Explained:
-    """Return what is in a misfit.
+    """Return the explanation of a misfit.
 
     Args:
         candidates: what may have changed.
-        columns: of each, how the misfit moves by its numbers (d, n), natural units.
+        columns: of each, the derivative of the misfit by its numbers (d, n), natural units.
         misfit: white (d,).
-        known: values that the size of its noise is known from.
+        known: number of values from which the size of its noise is known.
     """
     candidates, columns = _distinct(candidates, columns)
     count, size = misfit.size, [c.shape[1] for c in columns]
@@ -219,7 +219,7 @@ def explained_by(candidates: Sequence[Explanation], columns: Sequence[Array], mi
 
 def _distinct(candidates: Sequence[Explanation], columns: Sequence[Array]
               ) -> tuple[list[Explanation], list[Array]]:
-    """Leave out homing that is nothing but an offset, and offsets that are homing of all."""
+    """Leave out homing that is equivalent to an offset, and offsets equivalent to homing of all."""
     keep: list[int] = []
     for i, c in enumerate(candidates):
         if not any({"homing", "offset"} == {w for w in ("homing", "offset")

@@ -1,11 +1,10 @@
-"""Two calibrations that had different parameters free, fitted anew with the same ones free.
+"""Two calibrations that had different parameters free, fitted again with the same ones free.
 
-What the richer one fitted and the poorer one held is not a change of the machine, and no linear
-step
-leads from one to the other: in directions that a session hardly sees they may be hundreds of
-millimetres apart. So both sessions get all parameters that either had free, with their tolerances.
-One fit to the rows of both, as if nothing had changed, gives the point where both are linearised;
-from there each is a linear problem of its own, and what they say apart is compared.
+A difference between parameters fitted in one and held in the other is not a change of the machine,
+and no linear step leads from one to the other: in directions that a session hardly sees they may be
+hundreds of millimetres apart. So both sessions get all parameters that either had free, with their
+tolerances. One fit to the rows of both, as if nothing had changed, gives a common linearisation
+point; from there each is a linear problem of its own, and their results are compared.
 """
 
 from __future__ import annotations
@@ -37,14 +36,14 @@ from ppmcal.model.dataset import Dataset
 
 def fitted_together(old: Fit, new: Fit, known: tuple[Posterior, Posterior], options: FitOptions
                     ) -> tuple[Posterior, Posterior]:
-    """Return what two sessions know of the same parameters, from the fit to the rows of both.
+    """Return the posteriors of two sessions for the same parameters, from a fit to both.
 
     Args:
-        old: fit of the older session, the machine's parameters free that both are to have.
+        old: fit of the older session, with the machine's parameters free that both should have.
         new: of the newer one with the same free, each to its own rows.
-        known: the two calibrations: their inputs, files, and noise where rows are few.
+        known: the two calibrations: their inputs, files, and noise if there are few rows.
         options: method of the fit to all rows; the rows are those that ``old`` and ``new`` kept,
-            and what they left out counts as in :mod:`session_knowledge`.
+            and left-out rows count as in :mod:`session_posteriors`.
 
     Raises:
         NoResult: the fit to all rows did not converge.
@@ -67,7 +66,7 @@ def fitted_together(old: Fit, new: Fit, known: tuple[Posterior, Posterior], opti
 
 
 def _labelled(datasets: Sequence[Dataset], label: str) -> list[Dataset]:
-    """Return a session's data sets under names of its own; homing is as in a fit of it alone."""
+    """Return a session's data sets under distinct names; homing is as in a fit of it alone."""
     out = []
     for i, d in enumerate(datasets):
         frame = d.frame if d.frame.same_as is None else replace(
@@ -79,7 +78,7 @@ def _labelled(datasets: Sequence[Dataset], label: str) -> list[Dataset]:
 
 def _of_session(joint: Fit, own: Fit, part: slice, known: Posterior, options: FitOptions
                 ) -> Posterior:
-    """Return what one session's rows know, at the minimum of them and the tolerances."""
+    """Return the posterior from one session's rows, at the minimum of them and the tolerances."""
     whole = joint.problem
     problem = Problem(whole.mechanism, own.problem.datasets, whole.free,
                       tuple(o.about for o in whole.opens[part]))
@@ -101,7 +100,7 @@ def _of_session(joint: Fit, own: Fit, part: slice, known: Posterior, options: Fi
 
 
 def _inflation(found: Posterior, known: Posterior) -> float:
-    """Return what the rows show of the noise over the stated one, 1 where that agrees."""
+    """Return the noise over the stated noise by the residuals, 1 if they agree."""
     session = found.session
     if session is None or session.degrees < LEAST:
         return known.inflation

@@ -1,4 +1,4 @@
-"""The data of two calibrations as rows of one linear problem, for what the new ones say anew."""
+"""The data of two calibrations as rows of one linear problem: the new information of the second."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from ppmcal.linalg import Array, column_lengths, range_basis, reciprocals, svd, 
 from ppmcal.model.mechanism import Mechanism
 
 FAR = 3.0
-"""Tolerances count as wide as the machine is off, beyond so many of them."""
+"""Tolerances are widened as if the machine were off by this many of them, if it is off by more."""
 FORESEEN = 1e-3
-"""A direction of the new data counts where the old ones know it at worst so many times less."""
+"""A direction of the new data counts if the old ones know it at least this well, relatively."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointRows:
-    """The new rows less what the old ones and the tolerances say, white (d,), F parameters.
+    """The new rows less the prediction of old ones and tolerances, white (d,), F parameters.
 
-    ``columns`` (d, F + K + G): how the misfit moves by one natural unit ``scale`` (F + K + G,) of a
-    change of each parameter of the new calibration, of each of the ``candidates`` (K,) and of each
-    of the parameters that are ``defining`` its frames (G,).
-    ``information``: of the old and of the new data alone, and of the tolerances (F, F) in natural
-    units.
+    ``columns`` (d, F + K + G): derivative of the misfit by one natural unit ``scale`` (F + K + G,)
+    of each parameter of the new calibration, of each of the ``candidates`` (K,) and of each
+    of the parameters ``defining`` its frames (G,).
+    ``information``: of the old data alone, of the new data alone, and of the tolerances (F, F) in
+    natural units.
     """
 
     misfit: Array
@@ -40,7 +40,7 @@ class JointRows:
     def covariance(self) -> Array:
         """Return the covariance of new minus old values if nothing changed (F, F), SI.
 
-        Of two posteriors C1, C2 with the same prior P: C1 + C2 - C1 P C2 - C2 P C1.
+        For two posteriors C1, C2 with the same prior P: C1 + C2 - C1 P C2 - C2 P C1.
         """
         one, two, prior = self.information
         first, second = (linalg.pinv(i + prior, rcond=1e-14, hermitian=True)
@@ -52,19 +52,19 @@ class JointRows:
 
 def joint_rows(mechanism: Mechanism, old: Posterior, new: Posterior, noise: DifferenceNoise
                ) -> JointRows:
-    """Return what the new data say beyond the old ones and the tolerances."""
+    """Return the information in the new data beyond the old ones and the tolerances."""
     (first, one), (second, two), names, natural = _with_candidates(old, new)
     free = len(new.places)
     scale = np.concatenate([new.scale, natural])
     g = mechanism.values.copy()
     g[list(new.places)] = new.value
-    # a parameter that only the older had free is known exactly now
+    # a parameter that only the older one had free is now known exactly
     before = PriorInformation(old.places, first[0], first[1], old.value)
     right_old, slope = before.rows(mechanism, new.places, g)
     weight = new.scale / new.tolerance
-    # at the new minimum the tolerances pull as much as the data do
+    # at the new minimum the pull of the tolerances equals that of the data
     held = new.pull() * new.scale * reciprocals(weight)
-    # a machine that is farther off than its tolerances is not held by them
+    # tolerances do not hold a machine that is farther off than they allow
     loose = max(1.0, float(np.max(np.abs(held), initial=0.0)) / FAR)
     weight, held = weight / loose, held / loose
     if new.step is not None:
@@ -79,7 +79,7 @@ def joint_rows(mechanism: Mechanism, old: Posterior, new: Posterior, noise: Diff
     right[:given.size] = given
     size = [len(b) for b in blocks]
     ours = slice(size[0], size[0] + size[1])
-    # what the new rows hold of their columns beyond all common ones
+    # the part of the new rows' own columns beyond all common ones
     own = range_basis(here, least=SEEN)
     rest = np.zeros((right.size, own.shape[1]))
     rest[ours] = own
@@ -87,7 +87,7 @@ def joint_rows(mechanism: Mechanism, old: Posterior, new: Posterior, noise: Diff
     seen = range_basis(rest, least=FORESEEN)
     columns, defining = seen[ours].T @ here, new.defining
     if defining is not None:
-        # one that defines the frame moves the rows as what is seen from there does
+        # a frame-defining parameter moves the rows like the parameters as seen from its frame
         columns = np.concatenate([columns, columns[:, :free] @ (defining.seen / new.scale).T],
                                  axis=1)
         scale = np.concatenate([scale, defining.scale])
@@ -97,15 +97,15 @@ def joint_rows(mechanism: Mechanism, old: Posterior, new: Posterior, noise: Diff
 
 
 def _with_common(blocks: list[Array], noise: DifferenceNoise) -> Array:
-    """Return all rows, with columns for what rows of the same poses miss alike.
+    """Return all rows, with columns for the common misfit of rows of the same poses.
 
-    Reduced rows have no pose: there it is what the same combination of columns would miss.
+    Reduced rows have no pose: there it is the misfit of the same combination of columns.
     """
     matrix = np.concatenate(blocks)
     if not noise.alike:
         return matrix
     old, new = blocks[:2]
-    # the same miss in rows that are white by another stated noise is as much larger as they are
+    # a common misfit scales with the whitening of rows by different stated noise
     if noise.pairs is not None:
         first, second = noise.pairs
         sides = [np.zeros((len(b), first.size)) for b in (old, new)]
@@ -150,7 +150,7 @@ def _with_candidates(old: Posterior, new: Posterior
 
 
 def _numbered(posterior: Posterior) -> list[str]:
-    """Return the candidates' names with the data sets counted: they are named by session."""
+    """Return the candidates' names with numbered data sets, because names differ by session."""
     assert posterior.session is not None
     sets = [SESSION, *(s.name for s in posterior.session.sights)]
     out = []

@@ -1,4 +1,4 @@
-"""How far two calibrations of a machine send its platform apart."""
+"""How far apart two calibrations of a machine send its platform."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from ppmcal.linalg import Array, nearest_rotation
 from ppmcal.model.mechanism import Mechanism
 
 LEAST = 3
-"""Poses that two machines are laid on each other by."""
+"""Fewest poses by which two machines are aligned."""
 NEAR = 1e-3
-"""Steps are taken by this part of themselves, and what they make is counted so much larger."""
+"""Steps are reduced by this factor, and their effects scaled up again."""
 
 
 @dataclass(frozen=True)
 class PoseDifference:
-    """How far poses at the same joints lie apart, frames laid on each other; m and rad.
+    """Distances of poses at the same joint values, frames aligned; m and rad.
 
-    ``position_chance``, ``rotation_chance``: rms that noise alone makes, nan where unknown.
+    ``position_chance``, ``rotation_chance``: rms due to noise alone, nan if unknown.
     """
 
     position_rms: float
@@ -41,15 +41,15 @@ def pose_difference(
     mechanism: Mechanism, places: Sequence[int], old: Array, new: Array, volume: Array,
     noise: Array,
 ) -> PoseDifference | None:
-    """Return how far the poses of two machines lie apart at the same joints.
+    """Return how far apart the poses of two machines are at the same joint values.
 
     Args:
         mechanism: the newer one.
         places: parameters that both found (F,).
         old: their values in the older one (F,), SI.
         new: in the newer one (F,), SI.
-        volume: poses (N, 6) of the older in the base frame, whose joints are compared.
-        noise: steps from the older values (D, F) that noise alone makes, drawn.
+        volume: poses (N, 6) of the older in the base frame, at whose joint values to compare.
+        noise: steps from the older values (D, F) drawn from noise alone.
     """
     def machine(value: Array) -> Model:
         g = mechanism.values.copy()
@@ -63,7 +63,7 @@ def pose_difference(
         return None
     start, size = forward(first, q).pose, mechanism.length_scale
     found = _apart(start, forward(machine(new), q).pose, size)
-    # far off in a direction that hardly shows, nothing but its bend would be seen
+    # far out in a direction that hardly shows, only its curvature would be seen
     drawn = [d for step in noise
              if (d := _apart(start, forward(machine(old + NEAR * step), q).pose, size))]
     if found is None or not drawn:
@@ -74,9 +74,9 @@ def pose_difference(
 
 
 def _apart(one: Array, two: Array, size: float) -> PoseDifference | None:
-    """Lay poses (N, 8) on others by one rigid motion; points at ``size`` stand for rotations.
+    """Align poses (N, 8) with others by one rigid motion; points at ``size`` stand for rotations.
 
-    Poses that only one has are left out; None for too few.
+    Poses that only one of them has are left out; None if too few remain.
     """
     good = np.isfinite(one).all(axis=1) & np.isfinite(two).all(axis=1)
     if good.sum() < LEAST:

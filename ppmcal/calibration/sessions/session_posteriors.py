@@ -1,15 +1,15 @@
-"""What a calibration's data say of things that it took for known: homing, frames, targets, scales.
+"""What a calibration's data say about quantities that it took as known: homing, frames, scales ...
 
 Two sessions of one machine can differ in these although nothing in it has changed. At the end of
-a fit its rows get a column for each of them beside the parameters', and are reduced to a triangle
-again; what no column explains is the noise, or what the model misses, row by row.
+a fit its rows get a column for each of them beside those of the parameters, and are reduced to a
+triangle again; what no column explains is noise, or the model's error, row by row.
 
-Rows that the fit left out as outliers take part, each by so little that it pulls no more than the
-farthest row that may belong. Which rows of a place that the model misses are left out is a matter
-of chance, and a session that happens to lose them knows no more of the machine.
+Rows that the fit left out as outliers take part with weights that limit their pull to that of the
+farthest row that may belong. Which rows of a badly modelled place are left out is a matter of
+chance, and a session that happens to lose them knows no more about the machine.
 
-Ropes that pull with another force stretch otherwise, and change nothing else: joint values alone,
-which know nothing of frames and targets, get a column for each set of ropes that may pull.
+Ropes that pull with another force stretch differently, without a change of the machine: joint
+values alone, which do not see frames and targets, get a column for each set of ropes that may pull.
 """
 
 from __future__ import annotations
@@ -54,19 +54,19 @@ from ppmcal.model.same_rows import ROUND_OFF
 SHAPES = ("bowl", "saddle", "twist")
 """Curvatures of a flat: x^2 + y^2, x^2 - y^2, 2 x y, each over the machine's reach."""
 SESSION = "session"
-"""Homing is the whole session's: ``homing.<joint> of session``."""
+"""Homing is that of the whole session: ``homing.<joint> of session``."""
 LEAST, NUMBERS = 5.0, 5000
-"""Rows that leave fewer degrees of freedom, or are no more numbers, are kept as they are."""
+"""Rows with fewer degrees of freedom, or with no more numbers, are kept as they are."""
 LEVERAGE = 0.05
-"""A row counts as if the fit had left it this part of its own error at least."""
+"""Minimum part of its own error that a row is assumed to keep in its residual."""
 MOST = 600
-"""At most so many rows are kept, evenly spread."""
+"""At most this many rows are kept, evenly spread."""
 PULLED, UNIT = 20_000, 100.0
-"""Of more rows it is not asked what ropes pull; of effects' sizes a natural unit is so many."""
+"""Maximum rows for columns of pulling ropes; their natural unit in sizes of the effect."""
 
 
 def session_knowledge(fit: Fit) -> SessionKnowledge:
-    """Return what the data of a fit say beyond its parameters, white by the stated noise."""
+    """Return the information of a fit's data beyond its parameters, white by the stated noise."""
     fit = _with_left_out(fit)
     problem, free = _with_pulls(_opened(fit.problem)), len(fit.problem.free)
     more = np.zeros(len(problem.free) - free)
@@ -77,7 +77,7 @@ def session_knowledge(fit: Fit) -> SessionKnowledge:
     degrees = found.degrees
     few = fit.problem.earlier is None and (degrees < LEAST or found.count * known <= NUMBERS)
     if few:
-        # so few that they stay as measured: another session's rows can be laid beside them
+        # few rows stay as measured: they can be compared with another session's rows
         block = np.concatenate([b[rows.observed] for rows, b in
                                 _blocks(fit, problem, columns, fit.keep)])
         nuisance = range_basis(unit_columns(block[:, known:-1]), ROUND_OFF)
@@ -85,7 +85,7 @@ def session_knowledge(fit: Fit) -> SessionKnowledge:
         matrix, reduced = block[:, :-1], block[:, -1]
     else:
         matrix, reduced = of_data(found.triangle, found.right, known, scale)
-        # a row has no sign of its own, and would have another one on another processor
+        # the sign of a row is arbitrary, and would depend on the processor
         leading = np.take_along_axis(matrix, np.abs(matrix).argmax(axis=1)[:, None], axis=1)[:, 0]
         sign = np.where(leading < 0.0, -1.0, 1.0)
         matrix, reduced = matrix * sign[:, None], reduced * sign
@@ -95,9 +95,9 @@ def session_knowledge(fit: Fit) -> SessionKnowledge:
 
 
 def defining_parameters(fit: Fit) -> DefiningParameters | None:
-    """Return what defined the frames of a fit by joint values alone, None where nothing did.
+    """Return what defined the frames of a fit to joint values alone, None if nothing did.
 
-    One that moves is seen from there as a motion of all the others.
+    A motion of one of them appears in its frame as a motion of all the others.
     """
     mechanism = fit.problem.mechanism
     held, seen = seen_from_frames(mechanism.with_values(fit.state.g), fit.problem.datasets,
@@ -109,10 +109,10 @@ def defining_parameters(fit: Fit) -> DefiningParameters | None:
 
 
 def _with_left_out(fit: Fit) -> Fit:
-    """Return a fit with the rows that it left out as outliers, each by as much as it may pull."""
+    """Return a fit including rows left out as outliers, with weights that limit their pull."""
     if not any(o.any() for o in fit.outliers):
         return replace(fit, problem=fit.problem.weighted(None))
-    # a fit moves the poses of its own rows, not of those left out
+    # a fit moves the poses of its own rows, but not of those left out
     state = fit.problem.solve(fit.state)
     weights = distances(fit.problem, state).held_back(fit.keep, fit.noise_factor)
     return replace(fit, state=state, keep=tuple(rows_with_outliers(fit)),
@@ -124,9 +124,9 @@ class _Reduced:
     """All rows as |triangle s - right|^2 of all columns (C, C), (C,), and their minimum.
 
     Attributes:
-        step: where it is (C,); ``basis`` (C, r): rows times it are of an orthonormal basis.
-        count, degrees: of values, by weight, and of what is left of them.
-        noise: over the stated one.
+        step: to the minimum (C,); ``basis`` (C, r): rows times it have an orthonormal basis.
+        count, degrees: weighted number of values, and residual degrees of freedom.
+        noise: over the stated noise.
     """
 
     triangle: Array
@@ -162,7 +162,7 @@ def _opened(problem: Problem) -> Problem:
     def opened(d: Dataset) -> Dataset:
         frame, target, turn = (u if u.fitted else replace(u, fitted=True)
                                for u in (d.frame, d.target, d.target_rotation))
-        # heights are so small, or so alike, that their scale is nothing but their noise
+        # heights are so small, or so alike, that their scale would only absorb noise
         return replace(d, frame=frame, target=target, target_rotation=turn, homing="alone",
                        scale=replace(d.scale, fitted=d.scale.fitted or d.kind.scales))
 
@@ -171,7 +171,7 @@ def _opened(problem: Problem) -> Problem:
 
 
 def _with_pulls(problem: Problem) -> Problem:
-    """Return a problem of joint values alone with what ropes that pull may do, at 0, free last."""
+    """Return a problem of joint values alone with effects of pulling ropes, at 0, free last."""
     mechanism, free = problem.mechanism, problem.free
     if not problem.blind or sum(map(len, problem.datasets)) > PULLED:
         return problem
@@ -186,9 +186,9 @@ def _with_pulls(problem: Problem) -> Problem:
 
 @dataclass(frozen=True)
 class _Columns:
-    """Names and natural units of candidates (K,); columns that the fit had open and are ``gone``.
+    """Names and natural units of candidates (K,); columns ``gone`` that the fit had open.
 
-    ``place``: name -> column of the opened problem, of those that are one of its.
+    ``place``: name -> column of the opened problem, for those that it has.
     """
 
     names: tuple[str, ...]
@@ -222,7 +222,7 @@ def _blocks(fit: Fit, problem: Problem, columns: _Columns, keep: Sequence[Bools]
             apart: bool = False) -> Iterator[tuple[Rows, Array]]:
     """Yield rows with their block (n, m, F + K + E + 1): parameters, candidates, gone, residual.
 
-    ``apart``: rows of targets at one stand are white each by themselves, not together.
+    ``apart``: rows of targets at one stand are whitened separately, not together.
     """
     free = len(fit.problem.free)
     at = {n: free + i for i, n in enumerate(columns.names)}
@@ -261,10 +261,10 @@ def _shapes(rows: Rows, reach: float) -> list[Array]:
 
 def _sights(fit: Fit, problem: Problem, columns: _Columns, found: _Reduced
             ) -> tuple[tuple[PoseResiduals, ...], float]:
-    """Return what is left of some rows in base axes, and its spread in the columns' space.
+    """Return the residuals of some rows in base axes, and their spread in the columns' space.
 
-    What the model misses is alike in all coordinates of a pose, and in poses measured again, so
-    that estimates scatter more than its size says: by the sum over poses of their scores' squares
+    Errors of the model are alike in all coordinates of a pose, and in repeats, so that
+    estimates scatter more than their size suggests: by the sum over poses of squared scores
     (sandwich), each as if the pose had been left out (jackknife; MacKinnon and White 1985).
     """
     left: list[list[tuple[Array, Array]]] = [[] for _ in problem.datasets]
@@ -293,7 +293,7 @@ def _sights(fit: Fit, problem: Problem, columns: _Columns, found: _Reduced
 
 
 def _scores(rows: Array, rest: Array, groups: Ints) -> float:
-    """Return the sum of squares of scores by pose, of an orthonormal basis' rows (n, m, r)."""
+    """Return the sum of squared scores by pose, for rows (n, m, r) of an orthonormal basis."""
     size, turn = linalg.eigh(rows @ np.swapaxes(rows, -1, -2))
     part = np.maximum(1.0 - size, LEVERAGE)
     own = (turn @ ((np.swapaxes(turn, -1, -2) @ rest[..., None])[..., 0] / part)[..., None])
@@ -305,7 +305,7 @@ def _scores(rows: Array, rest: Array, groups: Ints) -> float:
 
 
 def _raw(fit: Fit, rows: Rows, data: Dataset, rest: Array) -> Array:
-    """Return white residuals (n, m) in m and rad, base axes, each by what it counts."""
+    """Return white residuals (n, m) in m and rad, base axes, weighted by row."""
     motion = fit.problem.mechanism.motion
     raw = np.where(rows.observed, linalg.solve(rows.whitener, rest[..., None])[..., 0], 0.0)
     if rows.weight is not None:

@@ -1,4 +1,4 @@
-"""How well a fit predicts: residuals, rows and sessions left out, summary."""
+"""Predictive accuracy of a fit: residuals, rows and sessions held out, summary."""
 
 from __future__ import annotations
 
@@ -37,5 +37,5 @@ if TYPE_CHECKING:
     from ppmcal.calibration.validation.summary import report as report
     from ppmcal.calibration.validation.summary import rows_left_out as rows_left_out
 
-if not TYPE_CHECKING:   # who checks types sees which names there are
+if not TYPE_CHECKING:   # type checkers read the names above
     __getattr__ = on_first_use(__name__)

@@ -1,6 +1,6 @@
-"""What a certificate says of a machine: figures of its accuracy, and the budget of the GUM.
+"""The contents of a machine's certificate: figures of its accuracy, and the budget of the GUM.
 
-All SI; a file has them in its units.
+All SI; files use their own units.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ COVERED = 0.95
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure of ``unit``; ``value`` None where the rows do not allow it, and ``why``.
+    """One figure of ``unit``; ``value`` is None if the rows do not allow it, and ``why``.
 
-    ``unit``: length or angle, or an actuator's quantity, once it is said the unit; ``expanded``:
-    its expanded uncertainty; ``repeats``: fewest behind it, of those ``asked``; ``where``: joint or
-    coordinate; ``file``: which of several.
+    ``unit``: length or angle, or an actuator's quantity; once set, the unit itself; ``expanded``:
+    its expanded uncertainty; ``repeats``: fewest behind it, ``asked``: number required;
+    ``where``: joint or coordinate; ``file``: which of several.
     """
 
     symbol: str
@@ -43,22 +43,22 @@ class Figure:
 
     @property
     def label(self) -> str:
-        """What it is called, with its symbol."""
+        """Its name, with its symbol."""
         return f"{self.name}, {self.symbol}" if self.symbol else self.name
 
     @property
     def of_position(self) -> bool:
-        """Whether the budget's expanded uncertainty is its own, SI."""
+        """Whether the budget's expanded uncertainty applies to it, SI."""
         return (self.value is not None and self.unit == "length"
                 and self.symbol in ("", "AP_p"))
 
 
 @dataclass(frozen=True)
 class Contribution:
-    """One line of the budget; ``degrees`` inf where it is taken as known.
+    """One line of the budget; ``degrees`` inf if taken as known.
 
-    ``sensitivity``: of the measurand to it, bare; ``part``: its contribution to the measurand;
-    ``note``: where the number is from.
+    ``sensitivity``: of the measurand to it, dimensionless; ``part``: its contribution to the
+    measurand; ``note``: source of the number.
     """
 
     source: str
@@ -71,7 +71,7 @@ class Contribution:
     note: str = ""
 
     def __post_init__(self) -> None:
-        """Work its part out."""
+        """Compute its contribution."""
         self.__dict__["part"] = abs(self.sensitivity) * self.standard
 
 
@@ -80,8 +80,8 @@ class Budget:
     """The uncertainty by the GUM, ``of`` a position along any one direction, or of a closure.
 
     ``combined``: the standard uncertainty; ``degrees``: effective ones by Welch and Satterthwaite,
-    inf where all are known; ``factor``: that the combined one is expanded by, 2 where ``twice``
-    says so, or else Student's t of whole degrees for 95 %.
+    inf if all are known; ``factor``: coverage factor, 2 if ``twice``, or else Student's t of
+    whole degrees for 95 %.
     """
 
     of: str

@@ -1,7 +1,7 @@
-"""95 % intervals of the figures that errors are reported by: rms, 95 % point, differences of rms.
+"""95 % intervals of reported error figures: rms, 95 % point, differences of rms.
 
-Rows at one commanded pose share what the model misses there, so poses are drawn, not rows. What a
-registration to the same rows took of the errors is given back by its degrees of freedom.
+Rows at one commanded pose share the model's error there, so poses are resampled, not rows. What a
+registration to the same rows absorbed of the errors is restored by its degrees of freedom.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from ppmcal.inference.priors import SURE
 from ppmcal.linalg import Array, Ints
 
 FEWEST = 3
-"""Poses below which no interval is given."""
+"""Fewest poses for an interval."""
 DRAWS = 2000
 AT_ONCE = 1_000_000
-"""Drawn poses that are held at once: draws of more are made anew for each machine."""
+"""Maximum number of drawn poses held at once: more draws are repeated for each machine."""
 LONGEST = 10.0
-"""Of the logarithm: an interval that reaches farther tells nothing, and is none."""
+"""Half width of the logarithm beyond which an interval is useless and counts as unknown."""
 
 
 def rms_interval(squares: Array, groups: Ints, kept: float = 1.0) -> tuple[float, float]:
-    """Return the 95 % interval of the rms that more poses of the kind would have; nan: unknown.
+    """Return the 95 % interval of the rms that more such poses would have; nan: unknown.
 
     The logarithm of the mean square is taken as Student's t with as many degrees as poses less
-    one, as far as they are left; its standard error is the scatter of the poses' own sums.
+    one, times the part kept; its standard error is the scatter of the poses' own sums.
 
     Args:
         squares: squared errors of rows (R,).
@@ -41,7 +41,7 @@ def rms_interval(squares: Array, groups: Ints, kept: float = 1.0) -> tuple[float
         return np.nan, np.nan
     if mean <= 0.0:
         return 0.0, 0.0
-    # of a ratio of sums over poses that have different numbers of rows
+    # for a ratio of sums over poses with different numbers of rows
     away = (sums - mean * counts) / (mean * counts.mean())
     error = float(np.sqrt(np.sum(away**2) / (poses * (poses - 1.0))))
     kept = min(kept, 1.0)
@@ -53,10 +53,10 @@ def rms_interval(squares: Array, groups: Ints, kept: float = 1.0) -> tuple[float
 
 
 def quantile_interval(values: Array, groups: Ints, share: float) -> tuple[float, float]:
-    """Return the 95 % interval of a quantile, by order alone; an end that is open is nan.
+    """Return the 95 % interval of a quantile, by order statistics alone; an open end is nan.
 
-    Ranks are those of as many independent values as there are poses: of the 95 % point fewer than
-    72 give no upper end.
+    Ranks are those of as many independent values as there are poses: for the 95 % point fewer
+    than 72 give no upper end.
     """
     poses = np.unique(groups).size
     tail = 0.5 * (1.0 - SURE.value)
@@ -64,7 +64,7 @@ def quantile_interval(values: Array, groups: Ints, share: float) -> tuple[float,
     chance = bdtr(np.arange(poses + 1.0), poses, share)
     low, high = np.searchsorted(chance, [tail, 1.0 - tail]).tolist()
     ordered = np.sort(values)
-    # in whole numbers: as parts of one, ranks would miss by one now and then
+    # in whole numbers: as fractions, ranks would be off by one now and then
     below = low * ordered.size // poses - 1
     above = -(-(high + 1) * ordered.size // poses) - 1
     return (float(ordered[below]) if below >= 0 else np.nan,
@@ -72,7 +72,7 @@ def quantile_interval(values: Array, groups: Ints, share: float) -> tuple[float,
 
 
 class RmsDraws:
-    """Draws of poses with replacement, the same for all machines that are held side by side."""
+    """Draws of poses with replacement, the same for all machines that are compared."""
 
     def __init__(self, groups: Ints, seed: int) -> None:
         """Draw from the poses of rows (R,)."""
@@ -80,7 +80,7 @@ class RmsDraws:
         self.poses = np.unique(groups).size
 
     def _blocks(self) -> Iterator[Ints]:
-        """Yield the poses of some draws (d, G), each time the same; never many at once."""
+        """Yield the poses of some draws (d, G), the same each time; never many at once."""
         rng = np.random.default_rng(self.seed)
         size = max(1, AT_ONCE // self.poses)
         for begin in range(0, DRAWS, size):
@@ -93,9 +93,9 @@ class RmsDraws:
                                for drawn in self._blocks()])
 
     def interval(self, values: Array, together: int = 1) -> tuple[float, float]:
-        """Return the 95 % interval of draws (D,), widened as few poses scatter less than they are.
+        """Return the 95 % interval of draws (D,), widened because few poses scatter too little.
 
-        ``together``: intervals that are to hold at once (Bonferroni).
+        ``together``: number of intervals that hold simultaneously (Bonferroni).
 
         Percentiles at the levels of Student's t in place of the normal distribution's, with the
         variance's n / (n - 1): T. Hesterberg, The American Statistician 69 (2015), section 4.2.
@@ -110,7 +110,7 @@ class RmsDraws:
 
 
 def _by_pose(squares: Array, groups: Ints) -> tuple[Array, Array]:
-    """Return the sums of rows' values (R,) and their number, by pose (G,)."""
+    """Return the sums of rows' values (R,) and the number of rows, by pose (G,)."""
     _, place = np.unique(groups, return_inverse=True)
     place = place.reshape(-1)
     return (np.asarray(np.bincount(place, weights=squares), dtype=float),

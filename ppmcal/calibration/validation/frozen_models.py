@@ -1,8 +1,8 @@
 """How well frozen machines predict measurements that no fit has seen.
 
-Geometry and effects stay as they are; only the registration is fitted, on each data set alone: the
+Geometry and effects stay fixed; only the registration is fitted, on each data set alone: the
 frame, and target, body rotation or a shift of each joint's zero where the file leaves them open,
-where it is asked for, or where the data demand it. Every machine is judged by the same rows.
+where requested, or where the data need it. All machines are judged by the same rows.
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ from ppmcal.wording import actuator_list
 
 FEWEST = 3
 OPEN_ENDS = dict.fromkeys(("rms_low", "rms_high", "p95_low", "p95_high"), float("nan"))
-"""Intervals of errors that are not known."""
+"""Unknown intervals of errors."""
 
 
 @dataclass(frozen=True)
 class FrozenModel:
-    """A machine to judge, with what it is called: ``without leg_thermal``, say."""
+    """A machine to judge, with its label: ``without leg_thermal``, say."""
 
     label: str
     mechanism: Mechanism
@@ -62,18 +62,18 @@ class FrozenModel:
 
 @dataclass(frozen=True, eq=False)
 class ModelError:
-    """Errors of one machine on one data set, SI, in the rows that all machines can be judged by.
+    """Errors of one machine on one data set, SI, in the rows by which all machines can be judged.
 
     Attributes:
         label: of the machine.
         position, rotation: rms, p95 and max of the measured errors, m and rad, with the 95 %
             intervals of the first two (``rms_low``, ...; nan: open); empty: not measured.
-        noise: rms over the noise of the data set as it is given.
-        closure: of joint values alone, the same of how far limbs are from closing, m: rms over the
+        noise: rms over the noise of the data set as stated.
+        closure: for joint values alone, the same for closure errors of limbs, m: rms over the
             limbs of a row; ``limbs``: rms of each limb.
-        squares: squared error of each row, m^2 (of rotation alone rad^2), (R,).
-        closer: rms of the reference machine less this one's, m or rad, and its 95 % interval, of
-            all machines together; 0 of the reference. Positive: this machine predicts better.
+        squares: squared error of each row, m^2 (rad^2 for rotation alone), (R,).
+        closer: rms of the reference machine less this one's, m or rad, and its simultaneous 95 %
+            interval; 0 for the reference. Positive: this machine predicts better.
     """
 
     label: str
@@ -88,7 +88,7 @@ class ModelError:
 
     @property
     def size(self) -> Mapping[str, float]:
-        """The figures by which machines are compared."""
+        """The figures for comparing machines."""
         return self.position or self.rotation or self.closure
 
     @property
@@ -103,13 +103,13 @@ class Validated:
 
     Attributes:
         name, source: of the data set.
-        rows: how many rows every machine was judged by, and of how many.
+        rows: number of rows by which every machine was judged, and of all rows.
         fitted: what the registration fitted, of :data:`REGISTERED`.
-        demanded: those of them that neither file nor user asked for.
+        demanded: those that neither file nor user opened.
         errors: by machine, the reference first.
-        elsewhere: of the judged rows, how many the reference machine closes in another assembly
-            mode near what was measured.
-        left_out: rows typed wrong, by every machine, which count nowhere; numbers in the CSV.
+        elsewhere: number of judged rows that the reference machine closes in another assembly
+            mode, near the measurement.
+        left_out: rows mistyped according to every machine, which count nowhere; numbers in the CSV.
     """
 
     name: str
@@ -123,7 +123,7 @@ class Validated:
 
 
 def with_and_without(mechanism: Mechanism) -> list[FrozenModel]:
-    """Return a machine without what belongs to one campaign, without each effect, and without any.
+    """Return a machine without events, then without each effect, and without any.
 
     Events happened in one row of one campaign; no other day has them.
     """
@@ -141,7 +141,7 @@ def with_and_without(mechanism: Mechanism) -> list[FrozenModel]:
 
 
 def _labels(effects: Sequence[Effect], actuators: Sequence[str]) -> list[str]:
-    """Return what effects are called: kind, actuators where it is not on all, a number if twice."""
+    """Return labels of effects: kind, actuators if not on all, a number if repeated."""
     names = []
     for effect in effects:
         some = [] if all(effect.on) or not effect.kind.per_actuator else list(
@@ -160,10 +160,10 @@ def validated(models: Sequence[FrozenModel], datasets: Sequence[Dataset],
     Args:
         models: the machines; the first is the reference.
         datasets: measurements that no fit of theirs has seen.
-        register: what to fit of :data:`REGISTERED`; None: what the files leave open, and what data
-            of all machines demand beyond that.
+        register: what to fit of :data:`REGISTERED`; None: what the files leave open, and what the
+            data need beyond that for all machines.
         seed: of the bootstrap.
-        notes: to which is added which of the other machines is left out, for it could not be
+        notes: receives which of the other machines are left out because they could not be
             judged; None: none may be.
 
     Raises:
@@ -181,7 +181,7 @@ def _with_the_others(models: Sequence[FrozenModel], data: Dataset, register: Seq
     except FAILURES:
         if notes is None:
             raise
-        # judged by the same rows, any of them can be the reason: each is tried with the first
+        # all are judged by the same rows, so any may be the reason: try each with the first
         able = [m for m in models[1:] if secondary(
             f"{m.label}, as a prediction of {data.name}",
             partial(_validated, (models[0], m), data, register, seed, []), None, notes) is not None]
@@ -196,7 +196,7 @@ def _validated(models: Sequence[FrozenModel], data: Dataset, register: Sequence[
     asked = tuple(w for w in REGISTERED if is_open(data, w)) if register is None else tuple(
         w for w in REGISTERED if w in register)
     whole, data = data, opened(data, asked, register is not None)
-    data = secondary("rows that are typed wrong", partial(_typed_right, models, data), data, notes)
+    data = secondary("mistyped rows", partial(_typed_right, models, data), data, notes)
     demanded, known = secondary("what else the registration has to fit", partial(
         _demanded, models, data), ((), dict[int, Fit]()), notes) if register is None else ((), {})
     data = opened(data, demanded)
@@ -220,7 +220,7 @@ def _validated(models: Sequence[FrozenModel], data: Dataset, register: Sequence[
 
 
 def _typed_right(models: Sequence[FrozenModel], data: Dataset) -> Dataset:
-    """Return a data set without the rows whose values are typed wrong: by every machine."""
+    """Return a data set without rows that are mistyped according to every machine."""
     typed = np.ones(len(data), dtype=bool)
     for model in models:
         if not typed.any():
@@ -232,24 +232,24 @@ def _typed_right(models: Sequence[FrozenModel], data: Dataset) -> Dataset:
 
 
 def _registered(mechanism: Mechanism, data: Dataset) -> Fit:
-    """Return the registration to all rows alike, so that all machines have the same."""
+    """Return the registration to all rows with equal weights, the same for all machines."""
     return identify(Problem(mechanism, (data,), ()), FitOptions(method="flat", robust=False))
 
 
 def _demanded(models: Sequence[FrozenModel], data: Dataset
               ) -> tuple[tuple[str, ...], dict[int, Fit]]:
-    """Return what the data ask to be fitted beyond what the file leaves open, found one by one.
+    """Return what the data need fitted beyond what the file leaves open, found one by one.
 
-    With it the registrations by model, as far as they were made.
+    Also the registrations by model, as far as they were made.
 
-    It has to lower the error of every machine: what only one of them asks for is its own fault.
+    It has to lower the error of every machine: if only one needs it, that machine is at fault.
     """
     found: list[str] = []
     feasible = [w for w in data.kind.opened if not is_open(data, w)]
     now: dict[int, Fit] = {}
     while feasible:
         least = np.full(len(feasible), np.inf)
-        for i, model in enumerate(models):    # what the first does not ask for, all do not
+        for i, model in enumerate(models):    # what the first does not need, not all need
             fit = now.setdefault(i, _registered(model.mechanism, opened(data, found)))
             least = np.minimum(least, odds_of_opening(
                 fit.problem, fit.state, [finite_rows(fit.state.poses[0])], fit.prior,
@@ -271,8 +271,8 @@ def _demanded(models: Sequence[FrozenModel], data: Dataset
 def _worth(before: Fit, after: Fit) -> bool:
     """Return whether the error falls by enough to matter.
 
-    Both errors are weighted by the noise at the wider registration, by which it is the minimum:
-    each by its own, a wider one could seem to fit worse.
+    Both errors are weighted by the noise at the wider registration, which minimises it:
+    each with its own noise, a wider one could seem to fit worse.
     """
     rows = [finite_rows(p) & finite_rows(q) for p, q in
             zip(before.state.poses, after.state.poses, strict=True)]
@@ -303,7 +303,7 @@ def _error(label: str, found: Residuals, rows: Bools, fit: Fit, notes: list[Note
 
 def _closure_error(label: str, found: Residuals, rows: Bools, fit: Fit, notes: list[Note]
                    ) -> ModelError:
-    """Return how far limbs are from closing: joint values alone tell nothing else."""
+    """Return the closure errors of limbs: joint values alone show nothing else."""
     mechanism, gaps = fit.problem.mechanism, found.closure[0][rows]
     squares = np.nanmean(gaps**2, axis=1)
     errors = np.sqrt(squares)
@@ -311,7 +311,7 @@ def _closure_error(label: str, found: Residuals, rows: Bools, fit: Fit, notes: l
              "max": float(errors.max())} | secondary(
         f"the intervals of {label}'s errors of closure",
         partial(_intervals, errors, fit.problem.datasets[0].groups[rows], 1.0), OPEN_ENDS, notes)
-    # the pose that suits the limbs best takes its part of their noise
+    # the pose that fits the limbs best absorbs part of their noise
     left = mechanism.surplus / mechanism.equations
     white = np.nanmean((gaps / found.sigma[0][rows]) ** 2)
     each = dict(zip(labels(fit.problem.datasets[0], mechanism),
@@ -334,7 +334,7 @@ def _intervals(errors: Array, groups: Ints, kept: float) -> dict[str, float]:
 def _compared(errors: Sequence[ModelError], groups: Ints, seed: int) -> tuple[ModelError, ...]:
     """Return the errors with how much closer each machine is than the first, drawn by pose.
 
-    The intervals hold for all machines together: of many, noise would make one better.
+    The intervals are simultaneous: among many machines, noise alone would make one better.
     """
     draws, others = RmsDraws(groups, seed), len(errors) - 1
     many = draws.rms(errors[0].squares)
@@ -347,21 +347,21 @@ def _compared(errors: Sequence[ModelError], groups: Ints, seed: int) -> tuple[Mo
 
 # --- rows that were measured in another assembly mode than home's: no error of the model ----------
 #
-# At the same joint values a parallel machine closes in several ways. A row measured in another one
+# At the same joint values a parallel machine closes in several ways. A row measured in another mode
 # lies far from the predicted pose, by about the machine's own size, and the closure has a solution
-# near what was measured.
+# near the measurement.
 
 FAR = 0.1
-"""Parts of the platform's size; assembly modes that are less apart are about to meet."""
+"""Relative to the platform's size; assembly modes closer than this are about to meet."""
 NEARER = 0.1
-"""The other pose is off what was measured by less than this part of what home's is: a value typed
-wrong is as far from any mode."""
+"""The other pose is off the measurement by less than this part of what home's is off: a mistyped
+value is equally far from all modes."""
 
 
 def in_other_assembly(fit: Fit) -> Bools:
     """Return which rows (N,) of a fit's first data set close in another mode, near their values.
 
-    Heights and distances between two positions say too little of where the platform is: none.
+    None for heights and distances between two positions, which hardly locate the platform.
     """
     data, state = fit.problem.datasets[0], fit.state
     mechanism = fit.problem.mechanism.with_values(state.g)
@@ -369,7 +369,7 @@ def in_other_assembly(fit: Fit) -> Bools:
     out = np.zeros(len(data), dtype=bool)
     if data.kind.scalar or not data.kind.of_poses:
         return out
-    # where the platform would be by what was measured, else as predicted
+    # the platform's pose by the measurement, else as predicted
     seen = shown(data)
     start = carried_back(mechanism, state.registrations[0], np.where(
         np.isfinite(seen), seen, measured_pose(state.registrations[0], pose)))
@@ -386,7 +386,7 @@ def in_other_assembly(fit: Fit) -> Bools:
 
 
 def _apart(one: Array, two: Array, size: float) -> Array:
-    """Return how far poses (N, 8) are apart (N,), m; turns count at the platform's size."""
+    """Return the distances (N,) of poses (N, 8), m; rotations times the platform's size."""
     place = np.linalg.norm(cga.translation(one) - cga.translation(two), axis=-1)
     turn = cga.rotation_vector(cga.compose(cga.reverse(one), two))
     return np.asarray(place + size * np.linalg.norm(turn, axis=-1))

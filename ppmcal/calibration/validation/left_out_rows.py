@@ -1,9 +1,9 @@
 """Rows that were left out: more of them than gross errors explain, or with a pattern.
 
-A gross error hits any row. If the rows that the fit has thrown out are nearly all the first at
-their pose, or all came from one side, or lie in one corner of the workspace, it was no gross error
-that they have in common. A file of which hardly a row is used is at fault as a whole: its rows are
-asked for no pattern.
+A gross error hits any row. If the rows that the fit rejected are nearly all the first at their
+pose, or were all approached from one side, or lie in one corner of the workspace, they have more in
+common than gross errors. A file of which hardly any row is used is at fault as a whole: its rows
+are not searched for patterns.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from ppmcal.wording import pluralize
 from ppmcal.wording.progress import stage
 
 UNUSED = "unused data"
-"""Topic of a data set of which hardly a row is used."""
+"""Topic of a data set of which hardly any row is used."""
 HARDLY_ANY = 0.1
-"""Of a data set's rows: of one of which no more are in use a result says nothing."""
+"""A result says nothing about a data set of which no more than this part of rows is in use."""
 THIRDS = 3
 STRETCHES = 8
-"""Parts of a joint's travel, which overlap: what is worn in one of them hits the rows there."""
+"""Number of overlapping parts of a joint's travel: wear in one of them affects the rows there."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +43,9 @@ class LeftOut:
     """Rows that a fit left out as outliers.
 
     Attributes:
-        count, rows: how many, and of how many.
+        count, rows: number of rows left out, and of all.
         too_many: whether gross errors surely do not explain so many.
-        follows: what they surely have in common, "" if nothing; ``share`` of them have it.
+        follows: what they surely have in common, "" if nothing; ``share``: part that has it.
         probability: that they have something in common.
         stretch: the stretch of a joint's travel that they have in common: its index, and both
             ends, SI; None: something else, or nothing.
@@ -61,7 +61,7 @@ class LeftOut:
 
     @property
     def sentence(self) -> str:
-        """What there is to say of them, "" if nothing."""
+        """A statement about them, "" if there is none."""
         rows = f"{pluralize(self.count, 'row')} of {self.rows} left out as outliers"
         if self.follows:
             return (f"{rows}: {self.share:.0%} of them {self.follows}; gross errors have no "
@@ -71,10 +71,10 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class DoubtfulStretch:
-    """A stretch of a joint's travel, SI, in which rows were left out that the model misses.
+    """A stretch of a joint's travel, SI, with left-out rows where the model is off.
 
-    ``position``, ``rotation``: rms by which it does, m and rad; ``unit``: the joint's, once it is
-    said.
+    ``position``, ``rotation``: rms of its errors there, m and rad; ``unit``: the joint's, once it
+    is set.
     """
 
     actuator: str
@@ -92,14 +92,14 @@ class DoubtfulStretch:
 def left_out(fit: Fit) -> LeftOut:
     """Return what the rows that a fit left out have in common.
 
-    Rows are left out as often as gross errors come, or more often, each row as often as any other,
-    or those with a pattern; patterns of circumstances, of stretches and of places are as likely,
-    and so are all of a kind.
+    Hypotheses: rows are left out at the rate of gross errors, or at a higher one, either
+    independently or with a pattern; patterns of circumstances, of stretches and of places have
+    equal prior probability, and so have all of a kind.
     """
     datasets, none = fit.problem.datasets, unused(fit)
     gone, used = ([m & (i not in none) for i, m in enumerate(masks)]
                   for masks in (fit.outliers, rows_with_outliers(fit)))
-    # what hits a pose hits all its rows: what they have in common they have once
+    # what affects a pose affects all its rows: their pattern counts once
     poses = [_one_of_each(u, g, d.groups) for u, g, d in zip(used, gone, datasets, strict=True)]
     every = [_counts(mine, gone) for mine in (used, poses)]
     several = sum(np.unique(d.groups).size for d in datasets)
@@ -122,20 +122,20 @@ def left_out(fit: Fit) -> LeftOut:
 
 
 def unused(fit: Fit) -> list[int]:
-    """Return the data sets of which a fit uses hardly a row, where it uses others."""
+    """Return the data sets of which a fit uses hardly any row, if it uses others."""
     hardly = [i for i, keep in enumerate(fit.keep)
               if keep.size and keep.mean() <= HARDLY_ANY]
     return hardly if len(hardly) < len(fit.keep) else []
 
 
 def unused_sentences(fit: Fit) -> list[Note]:
-    """Return which data sets hardly a row is used of, why, and what to look at."""
+    """Return notes on data sets of which hardly any row is used, why, and what to check."""
     out = []
     for i in unused(fit):
         data, count = fit.problem.datasets[i], int(fit.keep[i].sum())
         (reason, _), = Counter(fit.reasons[i].values()).most_common(1)
         if topic_of(reason) == OUTLIER:
-            reason = "they contradict the other files, and no other way to read them was found"
+            reason = "they contradict the other files, and no other reading explains them"
         rows = pluralize(len(data), "row")
         many = f"only {count} of {rows}" if count else f"none of {rows}"
         out.append(Note(f"{data.name}: {many} {'are' if count > 1 else 'is'} used ({reason}); "
@@ -145,13 +145,13 @@ def unused_sentences(fit: Fit) -> list[Note]:
 
 
 def _counts(mine: Sequence[Bools], gone: Sequence[Bools]) -> tuple[int, int]:
-    """Return how many of ``mine`` of the rows are ``gone``, and how many they are."""
+    """Return how many of the rows ``mine`` are ``gone``, and how many there are."""
     return (sum(int((m & g).sum()) for m, g in zip(mine, gone, strict=True)),
             sum(int(m.sum()) for m in mine))
 
 
 def _one_of_each(used: Bools, gone: Bools, label: Ints) -> Bools:
-    """Return one of the ``used`` rows (N,) of each label (N,), one that is ``gone`` if any."""
+    """Return one of the ``used`` rows (N,) of each label (N,), one that is ``gone`` if any is."""
     rows = np.flatnonzero(used)
     rows = rows[np.argsort(~gone[rows], kind="stable")]
     mask = np.zeros_like(used)
@@ -160,16 +160,16 @@ def _one_of_each(used: Bools, gone: Bools, label: Ints) -> Bools:
 
 
 def _mixed(groups: Ints, mask: Bools) -> int:
-    """Return at how many poses some of the rows have a pattern and others have not."""
+    """Return the number of poses of which some rows have a pattern and others do not."""
     inside, outside = (np.unique(groups[rows]) for rows in (mask, ~mask))
     return int(np.intersect1d(inside, outside, assume_unique=True).size)
 
 
 @stage("where the machine is another")
 def doubtful_stretches(fit: Fit, after: Residuals, out: LeftOut) -> tuple[DoubtfulStretch, ...]:
-    """Return the stretch that the rows which were left out have in common, if they do.
+    """Return the stretch that the left-out rows have in common, if there is one.
 
-    ``after``: the errors of all rows at the fit.
+    ``after``: the errors of all rows after the fit.
     """
     if out.stretch is None:
         return ()
@@ -183,13 +183,13 @@ def doubtful_stretches(fit: Fit, after: Residuals, out: LeftOut) -> tuple[Doubtf
 
 Stretch = tuple[int, float, float] | None
 Pattern = tuple[str, Bools, Stretch]
-"""What rows of one data set may have in common, in words, which have it (N,), and the stretch of a
-joint's travel that it is, as in :class:`LeftOut`."""
+"""A property that rows of one data set may have in common, in words, the rows that have it (N,),
+and the stretch of a joint's travel if it is one, as in :class:`LeftOut`."""
 
 
 def _named(fit: Fit, index: int, patterns: Callable[[Fit, int], Iterator[Pattern]]
            ) -> Iterator[Pattern]:
-    """Yield patterns of one data set, of several with its name; to be in it is one of them."""
+    """Yield patterns of one data set, with its name if there are several; its name alone is one."""
     datasets = fit.problem.datasets
     where = f" in {datasets[index].name}" if len(datasets) > 1 else ""
     for words, mask, stretch in patterns(fit, index):
@@ -199,7 +199,7 @@ def _named(fit: Fit, index: int, patterns: Callable[[Fit, int], Iterator[Pattern
 
 
 def _circumstances(fit: Fit, index: int) -> Iterator[Pattern]:
-    """Yield the order, the approach and what was recorded besides."""
+    """Yield order, approach and other recorded conditions."""
     problem = fit.problem
     for words, mask in _of_one(problem.mechanism, problem.datasets[index],
                                problem.environments[index]):
@@ -209,10 +209,10 @@ def _circumstances(fit: Fit, index: int) -> Iterator[Pattern]:
 def _places(fit: Fit, index: int) -> Iterator[Pattern]:
     """Yield thirds of each coordinate of the platform and of each joint, and corners.
 
-    The platform's pose is that of the joints: what was measured there may be wrong itself.
+    The platform's pose is that of the joints, because the measurement there may be wrong itself.
     """
     mechanism, data = fit.problem.mechanism, fit.problem.datasets[index]
-    # of a distance between two positions the first is where it is
+    # for a distance between two positions, the first one
     pose = pose_vector(fit.state.poses[index][:, :8])
     low = ("lowest", "middle", "highest")
     for what, values, joint in (
@@ -246,7 +246,7 @@ def _of_one(mechanism: Mechanism, data: Dataset, rows: Environment) -> Iterator[
         for sign, word in ((1.0, "+"), (-1.0, "-")):
             yield f"were approached with {name} moving {word}", rows.approach[:, a] == sign
     move = np.abs(np.diff(data.q, axis=0, prepend=data.q[:1]))
-    move[move == 0.0] = np.nan  # a row at rest comes after no move
+    move[move == 0.0] = np.nan  # a row at rest follows no move
     for a, name in enumerate(mechanism.actuators):
         yield f"come after the longest moves of {name}", thirds(move[:, a])[-1]
     order = np.arange(n, dtype=float)
@@ -257,7 +257,7 @@ def _of_one(mechanism: Mechanism, data: Dataset, rows: Environment) -> Iterator[
             (np.linalg.norm(rows.wrench, axis=1), "by load", low)):
         masks = [m for m in thirds(values) if m.any()]
         size = "third" if len(masks) == THIRDS else "part"
-        # of two levels one is the lowest, the other the highest
+        # two levels are called the lowest and the highest
         for mask, part in zip(masks, (*parts[:len(masks) - 1], parts[-1]), strict=False):
             yield f"are in the {part} {size} {what}", mask
 
@@ -280,12 +280,12 @@ KINDS = (_circumstances, _stretches, _places)
 
 
 def thirds(values: Array) -> list[Bools]:
-    """Return which rows are in each third of the values (N,); nobody where they are unknown."""
+    """Return which rows are in each third of the values (N,); none where they are unknown."""
     return parts_of(values, THIRDS)
 
 
 def parts_of(values: Array, count: int) -> list[Bools]:
-    """Return the same of so many parts, equal in rows."""
+    """Return the same for so many parts, equal in rows."""
     known = np.isfinite(values)
     if not known.any():
         return [np.zeros(values.size, dtype=bool)] * count

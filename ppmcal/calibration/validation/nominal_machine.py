@@ -1,4 +1,4 @@
-"""What a machine was before its calibration: one definition for every command."""
+"""The machine before its calibration: one definition for every command."""
 
 from __future__ import annotations
 
@@ -22,36 +22,36 @@ from ppmcal.model.registration import Registration
 
 DEFINITION = ("the uncalibrated machine (only unknown frame and target fitted); errors are RMS "
               "distances")
-"""What ``before`` means wherever a command says it."""
+"""Meaning of ``before`` in every command."""
 CLOSURE_ALONE = "the uncalibrated machine; errors are how far limbs are from closing"
-"""What it means of joint values alone."""
+"""Its meaning for joint values alone."""
 
 
 def definition(blind: bool) -> str:
-    """Return what ``before`` means; ``blind``: of joint values alone."""
+    """Return the meaning of ``before``; ``blind``: for joint values alone."""
     return CLOSURE_ALONE if blind else DEFINITION
 
 
 @dataclass(frozen=True, eq=False)
 class Before:
-    """Errors of the nominal machine, SI, and where its instruments then seem to stand, by name."""
+    """Errors of the nominal machine, SI, and the resulting registrations by name."""
 
     residuals: Residuals
     registrations: Mapping[str, Registration]
 
 
 def before(problem: Problem, keep: Sequence[Bools]) -> Before:
-    """Return what the machine was before its calibration, as :data:`DEFINITION` says.
+    """Return the errors of the machine before its calibration, as :data:`DEFINITION` says.
 
-    It depends on the nominal values and the rows alone: not on the fit, its noise or its effects,
-    so that commands that use the same rows give the same figures.
+    They depend on the nominal values and the rows alone, not on the fit, its noise or its effects,
+    so that commands that use the same rows report the same figures.
 
     Args:
-        problem: machine and data; what of its parameters is free does not matter.
+        problem: machine and data; which of its parameters are free does not matter.
         keep: rows in use (N,), by data set.
 
     Returns:
-        Errors of all rows, those that are not in use too; nan, and no registration, where the
+        Errors of all rows, including those not in use; nan, and no registration, if the
         nominal machine reaches no row.
     """
     sets = problem.datasets
@@ -67,7 +67,7 @@ def before(problem: Problem, keep: Sequence[Bools]) -> Before:
 
 
 def nothing_before(problem: Problem) -> Before:
-    """Return errors that are all nan, of the right shapes, and no registration."""
+    """Return errors that are all nan, of the right shapes, and no registrations."""
     rows = [len(d) for d in problem.datasets]
     vectors = tuple(np.full((n, len(labels(d, problem.mechanism))), np.nan)
                     for n, d in zip(rows, problem.datasets, strict=True))

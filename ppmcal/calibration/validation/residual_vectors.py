@@ -1,4 +1,4 @@
-"""Errors row by row, of all rows and of poses, files and sessions that a fit had not seen."""
+"""Errors row by row, of all rows and of poses, files and sessions held out of a fit."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Residuals:
     """Errors row by row, by data set; nan where not measured. SI.
 
     ``vector`` (N, m) by measured coordinate, ``sigma`` (N, m) their standard deviations as
-    stated, of instrument and joints, ``position`` and ``rotation`` norms (N,), ``closure`` (N, d)
+    stated, from instrument and joints, ``position`` and ``rotation`` norms (N,), ``closure`` (N, d)
     limb lengths at the measured poses, nan where the pose was not fully measured.
     """
 
@@ -79,7 +79,7 @@ class Residuals:
 
 
 def residuals(problem: Problem, state: State) -> Residuals:
-    """Return the errors of all rows at a state, whatever they weigh."""
+    """Return the errors of all rows at a state, regardless of weights."""
     problem = problem.weighted(None)
     parts: list[list[Array]] = [[], [], [], [], []]
     motion = problem.mechanism.motion
@@ -110,21 +110,21 @@ def residuals(problem: Problem, state: State) -> Residuals:
 
 
 def _norm(vector: Array) -> Array:
-    """Norm over the measured components, nan where none is."""
+    """Norm over the measured components, nan where none is measured."""
     seen = np.isfinite(vector)
     norm = np.sqrt(np.sum(np.where(seen, vector, 0.0) ** 2, axis=1))
     return np.where(seen.any(axis=1), norm, np.nan)
 
 
 def _gaps(problem: Problem, state: State, index: int) -> tuple[Array, Array]:
-    """Return how far limbs are from closing where they contradict each other least, m (N, m).
+    """Return the closure errors of limbs at the pose that minimises them, m (N, m).
 
-    And their standard deviations by the noise of joints and gaps.
+    Also their standard deviations by the noise of joints and gaps.
     """
     out = np.full((2, len(problem.datasets[index]), problem.mechanism.equations), np.nan)
     for rows in problem.rows_of(index, state, False):
         here = rows.response
-        assert here is not None     # rows of joints alone have the joints' noise
+        assert here is not None     # for rows of joints alone the joints have noise
         moves = here.closure.joint_matrix(here.pose, here.lines) * problem.sigma_joints[index]
         out[0, rows.index] = here.closure.lengths(here.pose)
         out[1, rows.index] = np.linalg.norm(with_gaps(moves, problem.sigma_gaps[index]), axis=-1)
@@ -160,21 +160,21 @@ def closure_lengths(problem: Problem, state: State, index: int) -> Array:
 
 @stage("registering the nominal machine")
 def register_only(problem: Problem, robust: bool = True) -> Fit:
-    """Fit only open frames and targets, geometry as it is; ``robust``: gross errors set aside."""
+    """Fit only open frames and targets, with fixed geometry; ``robust``: set aside gross errors."""
     bare = replace(problem, free=(), earlier=None)
-    # with the poses known, any start is near enough for frames and targets
+    # with known poses, any start is close enough for frames and targets
     return identify(bare, FitOptions(method="flat", robust=robust), at_minimum=True)
 
 
 def split(datasets: Sequence[Dataset], fraction: float, seed: int) -> list[Bools]:
     """Return which rows to hold out: whole commanded poses, seeded, by data set (N,).
 
-    A pose that several files of one campaign have is held out of all of them.
+    A pose shared by several files of one campaign is held out of all of them.
     """
     rng = np.random.default_rng(seed)
     out, known, held = list[Bools](), np.zeros(0, np.int64), np.zeros(0, np.int64)
     for own in pose_labels(datasets):
-        # a pose that another file of the campaign has too is held out there or nowhere
+        # a pose shared with an earlier file is held out there or nowhere
         labels = np.setdiff1d(own, known)
         known = np.union1d(known, labels)
         held = np.union1d(held, rng.permutation(labels)[:round(fraction * labels.size)])
@@ -185,10 +185,10 @@ def split(datasets: Sequence[Dataset], fraction: float, seed: int) -> list[Bools
 @stage("predicting held-out poses")
 def held_out(whole: Fit, options: FitOptions, fraction: float, seed: int, noise: float = 1.0
              ) -> tuple[dict[str, dict[str, float]], str]:
-    """Return the figures on poses that a fit of the others had not seen, and how it was done.
+    """Return the figures on poses held out of a fit of the others, and how this was done.
 
     Rows that are not in the fit to everything, ``whole``, count in neither fit nor figures;
-    ``noise``: factor on the stated one, as in that fit.
+    ``noise``: factor on the stated noise, as in that fit.
     """
     problem, keep = whole.problem, whole.keep
     out = split(problem.datasets, fraction, seed)
@@ -211,10 +211,10 @@ def held_out(whole: Fit, options: FitOptions, fraction: float, seed: int, noise:
 
 
 def _without(whole: Fit, part: Problem, out: Sequence[Bools], options: FitOptions) -> Fit:
-    """Fit all rows but those that are ``out`` (N,) by data set.
+    """Fit all rows except those ``out`` (N,), by data set.
 
-    The minimum is near that of all rows. Without a prior what the rest cannot see would stay
-    where the others left it, so the fit starts from scratch, as where the way there matters.
+    The minimum is near that of all rows. But without a prior, parameters that the rest cannot see
+    would stay where the held-out rows put them, so then the fit starts from scratch.
     """
     if options.method not in ("prior", "gcv"):
         return identify(part, options)
@@ -242,9 +242,9 @@ def on_other(fit: Fit, other: Sequence[Dataset]) -> tuple[dict[str, dict[str, fl
 
 
 def on_other_rows(fit: Fit, other: Sequence[Dataset]) -> tuple[Residuals, list[Bools]]:
-    """Return the errors of other data sets with the geometry as it is, and where they are known.
+    """Return the errors of other data sets with fixed geometry, and where they are known.
 
-    An unknown frame or target of theirs is registered on them alone, and so are zeros.
+    Unknown frames, targets and zeros of theirs are registered on them alone.
     """
     names = {d.name: s for d, s in zip(fit.problem.datasets, fit.state.registrations, strict=True)}
     fresh = [_with_known(d, names) for d in other]
@@ -255,7 +255,7 @@ def on_other_rows(fit: Fit, other: Sequence[Dataset]) -> tuple[Residuals, list[B
 
 
 def _with_known(data: Dataset, registrations: Mapping[str, Registration]) -> Dataset:
-    """Give a held-out data set the frame of the fitted one that it names."""
+    """Give a held-out data set the frame of the fitted one that it refers to."""
     if data.frame.same_as is None or data.frame.same_as not in registrations:
         return data
     s = registrations[data.frame.same_as]
@@ -269,19 +269,19 @@ def _with_known(data: Dataset, registrations: Mapping[str, Registration]) -> Dat
 @stage("predicting each session")
 def sessions_left_out(problem: Problem, options: FitOptions, keep: Sequence[Bools], noise: float
                       ) -> tuple[dict[str, dict[str, float]], str]:
-    """Return the figures of every session as a fit of the others predicts it, and how.
+    """Return the figures of every session as predicted by a fit of the others, and how.
 
-    Frame and target of a session that is a whole file are registered anew, and its zeros where no
-    other session tells them.
+    Frame and target of a session that is a whole file are registered again, and so are its zeros
+    if no other session determines them.
 
     Args:
         problem: machine and all data.
         options: of the fits.
-        keep: rows that count, by data set.
-        noise: factor on the stated one, as in the fit to everything.
+        keep: rows in use, by data set.
+        noise: factor on the stated noise, as in the fit to everything.
 
     Raises:
-        BadInput: there is one session only.
+        BadInput: there is only one session.
         NoResult: a fit of the others does not converge.
     """
     masks = session_masks(problem.datasets)
@@ -301,12 +301,12 @@ def sessions_left_out(problem: Problem, options: FitOptions, keep: Sequence[Bool
 def other_sessions(datasets: Sequence[Dataset], keep: Sequence[Bools],
                    judged: Sequence[Bools] | None = None
                    ) -> Iterator[tuple[tuple[Dataset, ...], list[Dataset]]]:
-    """Yield for each session the data of all others, and its own; of one that is all: nothing.
+    """Yield for each session the data of all others, and its own; nothing for a single session.
 
     Args:
         datasets: the campaign.
-        keep: rows that count (N,), by data set.
-        judged: rows that count where a session is what the others predict; None: the same.
+        keep: rows in use (N,), by data set.
+        judged: rows by which predictions of a session are judged; None: the same.
     """
     used, own = (tuple(d.without(~k, LEFT_OUT) for d, k in zip(datasets, rows, strict=True))
                  for rows in (keep, keep if judged is None else judged))
@@ -320,7 +320,7 @@ def other_sessions(datasets: Sequence[Dataset], keep: Sequence[Bools],
 def _taken(datasets: Sequence[Dataset], mask: Sequence[Bools], homed: bool) -> list[Dataset]:
     """Return the usable rows of a session; a part of a file keeps the frame of the others.
 
-    ``homed``: others tell the zeros of the joints; else they are fitted there, as the frame is.
+    ``homed``: whether others determine the joint zeros; else they are fitted, like the frame.
     """
     out = []
     for data, m in zip(datasets, mask, strict=True):
@@ -336,6 +336,6 @@ def _taken(datasets: Sequence[Dataset], mask: Sequence[Bools], homed: bool) -> l
 
 
 def _known_alone(data: Dataset, mask: Sequence[Bools], datasets: Sequence[Dataset]) -> Dataset:
-    """Return a data set with a frame of its own where that of a session left out was its."""
+    """Return a data set with its own frame if it shared that of a session left out."""
     gone = {d.name for d, m in zip(datasets, mask, strict=True) if m.all()}
     return data.alone() if data.frame.same_as in gone else data

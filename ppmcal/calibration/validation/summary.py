@@ -1,7 +1,7 @@
 """From a fit to statements: estimates with intervals, rank, noise check, residuals.
 
-Everything here is read off the fit's small triangle and one pass over the rows; nothing
-is fitted again, except the frames of what was before and the held-out part.
+Everything here is derived from the fit's small triangle and one pass over the rows; nothing
+is fitted again, except the frames of the nominal machine and of the held-out part.
 """
 
 from __future__ import annotations
@@ -82,8 +82,8 @@ from ppmcal.units import Finite, OrNull
 from ppmcal.wording import chance, pluralize
 
 BEYOND = 1e3
-"""Residuals are no more than so many times the noise within sessions: what a smaller one would say
-of their differences drowns in round-off."""
+"""Upper limit of residuals over the noise within sessions: with a smaller noise, the evidence on
+their differences drowns in round-off."""
 
 DIAGNOSE = "`ppmcal diagnose` looks for what the model lacks"
 """What to do about residuals that noise does not explain."""
@@ -93,7 +93,7 @@ DIAGNOSE = "`ppmcal diagnose` looks for what the model lacks"
 class Dependence:
     """A redundant quantity: one unit of ``name`` acts like these amounts of the others.
 
-    SI; in a file one unit of the file.
+    SI; in a file, units of the file.
     """
 
     name: str
@@ -104,13 +104,13 @@ class Dependence:
 class Identification:
     """Everything that identify reports.
 
-    ``fit``: where the noise check failed, with rows ``inflation`` times as noisy as stated.
-    ``doubtful``: where the machine is another than this one, in no way that the model knows.
-    ``sessions``: how far they disagree, None where there is one; ``blocks``: the same of stretches
-    of rows, None where they do not; ``covariance`` counts what likely differs, and takes what was
-    held for exact; ``considered`` is how far it may be off.
-    ``unidentifiable``: what the data see only together, as whole sets.
-    ``campaign``: what is weak about the poses, and which are missing; None: nothing.
+    ``fit``: if the noise check failed, with rows ``inflation`` times as noisy as stated.
+    ``doubtful``: stretches where the machine differs in no way that the model knows.
+    ``sessions``: how far they disagree, None for a single one; ``blocks``: the same for blocks
+    of rows, None if they do not; ``covariance`` includes probable differences, with held
+    parameters as exact; ``considered``: how far these may be off.
+    ``unidentifiable``: what the data determine only in combination, as whole sets.
+    ``campaign``: weaknesses of the poses, and missing ones; None: none.
     """
 
     fit: Fit
@@ -143,7 +143,7 @@ class Identification:
 
     @property
     def measured_volume(self) -> dict[str, tuple[float, float]]:
-        """Range of the platform poses that were measured, by coordinate, base frame, SI."""
+        """Range of the measured platform poses, by coordinate, base frame, SI."""
         seen = self.mechanism.measured
         return {} if seen is None else {name: seen.ranges[name]
                                         for name in self.mechanism.coordinates}
@@ -152,13 +152,13 @@ class Identification:
 def rank_of(fit: Fit) -> tuple[Rank, int, tuple[Dependence, ...]]:
     """Return the geometry's rank, the rank of all columns, and the redundant ones.
 
-    The total counts open frames and targets, which add none where the geometry can
-    imitate them (theory.md, section 5).
+    The total counts open frames and targets, which add none where geometry is confounded
+    with them (theory.md, section 5).
     """
     count = len(fit.problem.free)
     triangle, _ = data_rows(fit)
     scaled = triangle * fit.scale
-    # carried-on rows are straight: what only their bend against the new ones tells is not told
+    # earlier rows are linearised: information from their bend against the new ones is not real
     largest = float(np.linalg.norm(scaled[:, :count], axis=0).max(initial=BENT))
     least = RANK_TOLERANCE if fit.problem.earlier is None else BENT / largest
     rank, kept, dropped = whole_rank(triangle, count, fit.scale, least,
@@ -180,22 +180,22 @@ def rank_of(fit: Fit) -> tuple[Rank, int, tuple[Dependence, ...]]:
 def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
            other: Sequence[Dataset] = (), leave_out: str = "", chosen: Collection[str] = ()
            ) -> Identification:
-    """Return everything that there is to say about a fit.
+    """Return all results of a fit.
 
     Args:
         fit: a finished one.
-        options: that it was made with.
+        options: those of the fit.
         holdout: fraction of the poses to hold out (0: none).
         seed: of the poses that are held out.
-        other: data sets in their place, an unknown frame or target of theirs being registered
-            on them alone.
-        leave_out: ``session``: each session in turn, in place of poses.
-        chosen: names of parameters that the file frees, and a choice of freedoms held: what they
-            may be off by is in the intervals. What the user holds is exact there; in what is
-            promised of poses nothing that may be off is.
+        other: data sets to predict instead; their unknown frames or targets are registered on
+            them alone.
+        leave_out: ``session``: hold out each session in turn instead of poses.
+        chosen: names of parameters that the file frees but a choice of freedoms held: the
+            intervals include how far they may be off. Parameters held by the user are exact
+            there; for predicted poses no parameter that may be off is.
 
     Raises:
-        BadInput, NoResult: as
+        BadInput, NoResult: see
             :func:`ppmcal.calibration.validation.residual_vectors.sessions_left_out`.
     """
     noise, notes = noise_check(fit), list[Note]()
@@ -243,10 +243,10 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
 
 def _differences(fit: Fit, noise: Noise, notes: list[Note]
                  ) -> tuple[SessionVariance | None, SessionVariance | None]:
-    """Return how far sessions, and stretches of rows, differ; see :func:`cluster_robust`.
+    """Return how far sessions, and blocks of rows, differ; see :func:`cluster_robust`.
 
-    Where the tolerances drown in the round-off of data that are better than anything else, as exact
-    ones are, it is left out.
+    Left out if the tolerances drown in the round-off of data that are much better, such as exact
+    ones.
     """
     return secondary("how far sessions, or stretches of rows, differ",
                      lambda: cluster_robust(fit, min(noise.inflation, BEYOND)), (None, None), notes)
@@ -255,9 +255,9 @@ def _differences(fit: Fit, noise: Noise, notes: list[Note]
 def _held(fit: Fit, options: FitOptions, holdout: float, seed: int, other: Sequence[Dataset],
           leave_out: str, inflation: float, notes: list[Note]
           ) -> tuple[Mapping[str, Mapping[str, float]], str]:
-    """Return the figures on rows that a fit had not seen, and how they were had.
+    """Return the figures on rows held out of a fit, and how they were obtained.
 
-    What was asked for by name is not an extra: where it fails, so does the command.
+    A prediction requested by name is not an extra: if it fails, so does the command.
     """
     if leave_out:
         return sessions_left_out(fit.problem, options, fit.keep, inflation)
@@ -271,9 +271,9 @@ def _held(fit: Fit, options: FitOptions, holdout: float, seed: int, other: Seque
 
 
 def _unexplained(after: Mapping[str, Mapping[str, float]], noise: Noise) -> dict[str, float]:
-    """Return the rms of what neither model nor noise explains, m and rad, in the rows used.
+    """Return the rms that neither model nor noise explains, m and rad, in the rows used.
 
-    It is there at other poses too, whatever its cause.
+    It is present at other poses too, whatever its cause.
     """
     return {kind: noise.unexplained * figures["rms"] for kind, figures in after.items()
             if kind in ("position", "rotation") and noise.unexplained}
@@ -303,7 +303,7 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
             + (" and the data count too little against the tolerances" if fit.by_tolerances
                else "") + ("; correct it, or use --sigma estimated" if noise.source == STATED else
                            "; correct what the estimate begins with"), topic="noise"))
-    out += secondary("limbs that rows show the other way round",
+    out += secondary("limbs in the opposite branch",
                      lambda: branch_findings(fit.problem, fit.state), [], notes)
     if noise.tight:
         times = (noise.prior_chi2 / noise.prior_degrees) ** 0.5
@@ -317,15 +317,15 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
     out += secondary("parameters far from nominal", lambda: far_from_nominal(
         found, fit.problem.mechanism.units), [], notes)
     if fit.stopped:
-        out.append(Note(f"the fit was stopped {fit.stopped}: what these data see weakly is still "
-                        "near its nominal value, which the intervals do not count; --method prior "
-                        "counts it", topic="convergence"))
+        out.append(Note(f"the fit was stopped {fit.stopped}: parameters that these data hardly see "
+                        "are still near nominal, which the intervals do not allow for; --method "
+                        "prior does", topic="convergence"))
     elif not fit.converged:
         out.append(Note("the fit had not converged after "
                         f"{pluralize(fit.iterations, 'iteration')}: use more --iterations, free "
-                        "fewer parameters, or measure poses that tell them apart",
+                        "fewer parameters, or measure poses that distinguish them",
                         topic="convergence"))
-    # the last: what is wrong with the rows is printed below it
+    # last, because the reasons for left-out rows are printed below it
     for data, reasons in zip(fit.problem.datasets, fit.reasons, strict=True):
         if reasons:
             out.append(rows_left_out(data, reasons))
@@ -333,17 +333,17 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
 
 
 def rows_left_out(data: Dataset, reasons: Mapping[int, str]) -> Note:
-    """Return how many rows of a data set were left out, and where the ``reasons`` are."""
+    """Return the number of rows left out of a data set, and where the ``reasons`` are."""
     return Note(f"{data.name}: {len(reasons)} of {len(data)} rows left out, see residuals.csv for "
                 "each reason", topic="row weights")
 
 
 def unchecked(fit: Fit, rank: int) -> list[Note]:
-    """Return a sentence where the data have no redundancy by which their noise can be checked.
+    """Return a note if the data have no redundancy with which to check their noise.
 
     Args:
-        fit: a finished one; carried on from an earlier one, it has the redundancy of both.
-        rank: of all columns: so many values the data alone are spent on.
+        fit: a finished one; continued from an earlier one, it has the redundancy of both.
+        rank: of all columns: the number of values that the data determine.
     """
     more = fit.information.count - rank
     if fit.problem.earlier is not None or more >= LEAST or not rank:
