@@ -1,1 +1,1 @@
-"""From measurements to parameters: the problem, its fit, what the fit is worth."""
+"""From measurements to parameters: the problem, its fit, and the validity of the fit."""

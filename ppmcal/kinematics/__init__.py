@@ -1,1 +1,1 @@
-"""Where a machine stands: closure, inverse and forward kinematics, what effects do to them."""
+"""Poses of a machine: closure, inverse and forward kinematics, and the influence of effects."""

@@ -1,8 +1,8 @@
-"""The pose of a body at which several of its points are seen, with its covariance.
+"""The pose of a body from measured positions of several of its points, with its covariance.
 
-Generalised least squares: y_i = t + R p_i + noise of covariance C_i, for the targets i that are
-seen; Gauss-Newton from the rigid alignment of the points (Kabsch). Displacement and turn are those
-of the points' middle, which hardly depend on each other, and are carried to the body's origin at
+Generalised least squares: y_i = t + R p_i + noise of covariance C_i, for the measured targets i;
+Gauss-Newton from the rigid alignment of the points (Kabsch). Displacement and rotation are those
+of the points' centroid, which are nearly uncorrelated, and are transferred to the body's origin at
 the end. Source of the covariance: Förstner, Wrobel: Photogrammetric Computer Vision, 4.2.
 """
 
@@ -19,15 +19,15 @@ from ppmcal.linalg import Array, Bools, Ints, nearest_rotation
 from ppmcal.model.limbs.chain import cross_matrix
 
 ITERATIONS, SETTLED = 50, 1e-6
-"""Steps of Gauss-Newton at most, and the step at which it is over, in standard deviations."""
+"""Maximum number of Gauss-Newton steps, and the step at which it ends, in standard deviations."""
 UNKNOWN_TURN = 0.1
-"""Standard deviation of a turn, rad, from which on no covariance says what the turn is off by: its
-terms of second order are more than a twentieth of it. Targets so near a line tell no pose."""
+"""Standard deviation of a rotation, rad, above which no covariance describes its error: its
+second-order terms are more than a twentieth of it. Targets so near a line determine no pose."""
 FLAT = 1e-6
-"""Targets that are nearer to a line than this part of their extent are on it."""
+"""Targets closer to a line than this part of their extent are on it."""
 TOO_FEW, ON_A_LINE = "too few targets are seen", "the targets that are seen are on one line"
 IN_ONE_PLACE = "the targets that are seen are in one place"
-NOT_RIGID = "no pose of the body is near what was measured of its targets"
+NOT_RIGID = "no pose of the body fits the measured targets"
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,14 +35,14 @@ class BodyPoses:
     """Poses of a body at n stands, measuring frame, as measured by its targets.
 
     Attributes:
-        pose: position of the body's origin and rotation vector (n, 6), m and rad; nan where there
-            is none. In the plane z, rx and ry are 0.
-        covariance: of the origin's displacement and of a turn on the measuring frame's side, about
-            its axes (n, 6, 6), m^2, m rad, rad^2; exp(turn) times the rotation is what noise makes
-            of it. 0 in coordinates that a plane does not have, nan where there is no pose.
-        chi_squared: weighted sum of squares of what the pose leaves of the measured positions (n,).
-        freedom: how many values more than a pose were seen (n,), 0 where there is no pose.
-        reason: why there is no pose (n,), "" where there is one.
+        pose: position of the body's origin and rotation vector (n, 6), m and rad; nan where
+            unknown. For planar bodies z, rx and ry are 0.
+        covariance: of the origin's displacement and of a rotation on the measuring frame's side,
+            about its axes (n, 6, 6), m^2, m rad, rad^2; exp(error) times the rotation is the
+            measured one. 0 in coordinates that planar bodies do not have, nan without a pose.
+        chi_squared: weighted sum of squared residuals of the measured positions (n,).
+        freedom: number of measured values beyond those of a pose (n,), 0 without a pose.
+        reason: why there is no pose (n,), "" if there is one.
     """
 
     pose: Array
@@ -53,19 +53,19 @@ class BodyPoses:
 
 
 def body_poses(points: Array, measured: Array, noise: Array, planar: bool = False) -> BodyPoses:
-    """Return the poses at which T targets of one body were seen at n stands.
+    """Return the poses at which T targets of one body were measured at n stands.
 
-    Three targets that are not on one line tell a pose, in the plane two that are not in one place.
+    Three targets that are not on a line determine a pose; planar: two in different places.
 
     Args:
-        points: the targets in the body's axes (T, 3), m; they count as exact.
-        measured: their positions (n, T, 3), m, measuring frame; a target of which a coordinate is
-            nan was not seen.
+        points: the targets in the body's axes (T, 3), m; taken as exact.
+        measured: their positions (n, T, 3), m, measuring frame; a target with a nan coordinate
+            was not seen.
         noise: standard deviations (n, T, 3), m, or covariances (n, T, 3, 3), m^2, of each position.
-        planar: all is in the x-y plane; z is not asked for.
+        planar: everything is in the x-y plane; z is ignored.
 
     Raises:
-        LinearAlgebraError: a covariance of a seen target that is not positive definite.
+        LinearAlgebraError: the covariance of a seen target is not positive definite.
     """
     axes = 2 if planar else 3
     parts = [0, 1, 5] if planar else list(range(6))
@@ -104,9 +104,9 @@ def _at_origin(turn: Array, middle: Array, own: Array, variance: Array, parts: l
 
     Args:
         turn: rotations (n, 3, 3).
-        middle: where the targets' middle is (n, 3), m.
+        middle: position of the targets' centroid (n, 3), m.
         own: the same in the body's axes.
-        variance: of the middle's displacement and of the turn (n, c, c).
+        variance: of the centroid's displacement and of the rotation (n, c, c).
         parts: which c of the six coordinates these are.
     """
     back = -(turn @ own[..., None])[..., 0]
@@ -118,7 +118,7 @@ def _at_origin(turn: Array, middle: Array, own: Array, variance: Array, parts: l
 
 
 def _inverse_roots(noise: Array, seen: Bools, axes: int) -> Array:
-    """Return what makes positions white (n, T, a, a), of targets that were not seen 0."""
+    """Return matrices that whiten positions (n, T, a, a), 0 for targets that were not seen."""
     if noise.ndim == seen.ndim + 1:
         noise = noise[..., None] ** 2 * np.eye(3)
     covariance = np.where(seen[..., None, None], noise[..., :axes, :axes], np.eye(axes))
@@ -126,7 +126,7 @@ def _inverse_roots(noise: Array, seen: Bools, axes: int) -> Array:
 
 
 def _unseen(arms: Array, count: Ints, axes: int) -> Array:
-    """Return why stands (n,) have no pose by which targets are seen, "" where they may have one."""
+    """Return why the targets seen at stands (n,) determine no pose, "" if they may."""
     size = linalg.singular_values(arms)[:, axes - 2]
     reason = np.full(count.size, "", dtype=object)
     reason[size <= FLAT * np.abs(arms).max(axis=(1, 2), initial=0.0)] = (
@@ -137,11 +137,10 @@ def _unseen(arms: Array, count: Ints, axes: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Sights:
-    """What was seen in n rows.
+    """Measurements in n rows.
 
-    ``arms``: targets from their middle (n, T, 3), 0 where not seen; ``measured`` (n, T, 3);
-    ``white``: what makes positions white (n, T, a, a); ``parts``: the coordinates of a pose that
-    are open.
+    ``arms``: targets relative to their centroid (n, T, 3), 0 if not seen; ``measured`` (n, T, 3);
+    ``white``: whitens positions (n, T, a, a); ``parts``: the open coordinates of a pose.
     """
 
     arms: Array
@@ -150,7 +149,7 @@ class _Sights:
     parts: list[int]
 
     def fitted(self, there: Array, seen: Bools) -> tuple[Array, Array, Bools]:
-        """Return rotations (n, 3, 3), the middles' places (n, 3), and whether these are settled."""
+        """Return rotations (n, 3, 3), positions of centroids (n, 3), and whether they converged."""
         apart = np.where(seen[..., None], self.measured - there[:, None], 0.0)
         turn = nearest_rotation(np.swapaxes(apart, 1, 2) @ self.arms, len(self.parts) == 3)
         origin, settled = there, np.zeros(len(there), dtype=np.bool_)

@@ -1,7 +1,7 @@
-"""Whether a machine closes at home within what its file can know, and how near dead points are.
+"""Whether a machine closes at home within its file's accuracy, and how near dead points are.
 
 "Closed" means closed within the last printed digit of every number, and three standard deviations
-of the tolerances, carried to each limb's closure equation.
+of the tolerances, propagated to each limb's closure equation.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 
 DEAD_POINT = 0.02
-"""A finding: a limb's transmission at home below this."""
+"""A limb's transmission at home below this is a finding."""
 SAME = 1e-6
-"""Conditions are independent whose smallest singular value is above this part of the largest."""
+"""Conditions are independent if their smallest singular value exceeds this part of the largest."""
 GOOD_TRANSMISSION = 0.5
-"""A limb above this is not asked whether its tolerances can bring it to a dead point."""
+"""A limb above this is not checked for tolerances that could bring it to a dead point."""
 
 
 @dataclass(frozen=True)
 class LimbGap:
-    """A limb's gap at home with the file's own q, and what digits and tolerances allow, m."""
+    """A limb's gap at home with the file's q, and the gap allowed by digits and tolerances, m."""
 
     limb: str
     gap: float
@@ -50,7 +50,7 @@ class Transmission:
         limb: its name; kind: that of the limb.
         value: a pure number, 0 at a dead point, 1 at best: the sine of the joint's angle from
             it, or, for a prismatic joint, the part of its motion that goes along the strut.
-        margin: what the limb has left there before it no longer reaches home, m.
+        margin: the limb's reserve at home before it no longer reaches it, m.
         allowed: by how much digits and tolerances can change that, m.
     """
 
@@ -67,19 +67,19 @@ class Transmission:
 
 
 def home_gaps(mechanism: Mechanism) -> tuple[LimbGap, ...]:
-    """Return each limb's gap at home with the q that the file gives."""
+    """Return each limb's gap at home with the file's q."""
     return _gaps(mechanism, mechanism.home_q) if np.isfinite(mechanism.home_q).all() else ()
 
 
 def condition_gaps(mechanism: Mechanism) -> tuple[LimbGap, ...]:
-    """Return the limbs that are open at home whatever the drives do, where the file gives no q."""
+    """Return the limbs that are open at home whatever the drives do, if the file gives no q."""
     if np.isfinite(mechanism.home_q).all():
         return ()
     return tuple(g for g in _gaps(mechanism, home_attempt(mechanism).q) if g.open)
 
 
 def _gaps(mechanism: Mechanism, q: Array) -> tuple[LimbGap, ...]:
-    """Return each limb's worst gap at home with joint values ``q`` (k,)."""
+    """Return each limb's worst gap at home at joint values ``q`` (k,)."""
     model = Model(mechanism)
     everything = tuple(range(len(mechanism.parameters)))
     closure = model.closure(q, everything)
@@ -112,7 +112,7 @@ def transmissions(mechanism: Mechanism) -> tuple[Transmission, ...]:
         half = float(pair[1] - pair[0]) / 2.0
         margin, allowed = np.inf, 0.0
         if value < GOOD_TRANSMISSION and half > 0.0:
-            # the double root, on the side that this limb is nearer to
+            # the double root, on the closer side for this limb
             meet = float(pair[0]) + half + (np.pi if limb.kind.actuator != "length"
                                             and np.cos(half) < 0.0 else 0.0)
             q = state.q.copy()
@@ -126,7 +126,7 @@ def transmissions(mechanism: Mechanism) -> tuple[Transmission, ...]:
 
 
 def held_twice(mechanism: Mechanism) -> int:
-    """Return how many conditions that no drive changes say the same as others at home."""
+    """Return the number of redundant conditions at home among those that no drive changes."""
     closure = Model(mechanism).closure(home_attempt(mechanism).q)
     pose = mechanism.home[None]
     lines = closure.lines(pose)
@@ -140,9 +140,9 @@ def held_twice(mechanism: Mechanism) -> int:
 
 
 def _allowed(closure: Closure) -> Array:
-    """Return what last digits and tolerances can do to each closure equation at home (d,), m.
+    """Return the change of closure equations at home by last digits and tolerances (d,), m.
 
-    ``closure`` must have been asked for every parameter.
+    ``closure`` must have been built for every parameter.
     """
     mechanism, pose = closure.model.mechanism, closure.model.mechanism.home[None]
     slopes = closure.error_matrix(pose, tuple(range(len(mechanism.parameters))))[0]

@@ -5,7 +5,7 @@ The closure equations are stacked limb by limb into d rows, as many as the pose 
     c(M, q, g) = 0,    A dpose + Jq dq + Bg dg = 0,
 
 with dpose = (platform origin displacement, rotation) in base axes, restricted to the
-machine's motion. All three matrices are read off the same leg lines ([LIN] section 2.5,
+machine's motion. All three matrices are derived from the same leg lines ([LIN] section 2.5,
 [IK] eq. 32 and 49): A is the line about the platform origin, Jq and Bg its pairing with
 the twist of each joint and slot.
 """
@@ -34,7 +34,7 @@ class Model:
     """A mechanism at parameter values ``g`` (P,); default its present ones.
 
     With a ``shift``, or with ``g`` (N, P), the model belongs to N rows: the first changes their
-    slots one by one, the second gives each row a machine of its own (without effects).
+    slots row by row, the second gives each row a machine of its own (without effects).
     """
 
     mechanism: Mechanism
@@ -42,7 +42,7 @@ class Model:
     shift: Shift | None = None
 
     def take(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Model:
-        """Return the model of some of its rows."""
+        """Return the model for some of its rows."""
         if self.shift is not None:
             return replace(self, shift=self.shift.take(rows))
         return replace(self, g=self.g[rows]) if self.g is not None and self.g.ndim == 2 else self
@@ -66,7 +66,7 @@ class Model:
 
     @cached_property
     def tables(self) -> dict[object, object]:
-        """What compiled loops take of it, by what is asked (:mod:`compiled_limbs`), made once."""
+        """Cached tables for the compiled loops, by kind (:mod:`compiled_limbs`)."""
         return {}
 
     def joint_coordinate(self, limb: int, q: Array) -> Array:
@@ -78,7 +78,7 @@ class Model:
     def closure(self, q: Array, wanted: Collection[int] = ()) -> Closure:
         """Build all KGBs for joint values ``q`` (N, k) or (k,).
 
-        ``wanted`` are the parameter indices whose columns Bg will be asked for.
+        ``wanted`` are the parameter indices whose columns Bg will be needed.
         """
         q = np.atleast_2d(np.asarray(q, dtype=float))
         every = set(wanted)
@@ -92,8 +92,8 @@ class Model:
 class Closure:
     """The stacked closure equations of N poses with their joints locked at ``q`` (N, k).
 
-    Groups that are ``turning`` have a surface that depends on the pose besides, because the axes of
-    a universal joint do not meet: here as if they met, after :meth:`at` as they are.
+    Groups that are ``turning`` have a surface that also depends on the pose, because the axes of
+    a universal joint do not meet: here as if they met, after :meth:`at` with their offset.
     """
 
     model: Model
@@ -105,14 +105,14 @@ class Closure:
 
     @property
     def turning(self) -> bool:
-        """Whether the surface of a limb depends on the pose besides."""
+        """Whether the surface of a limb also depends on the pose."""
         return any(group.turning for group in self.groups)
 
     def at(self, pose: Array) -> Closure:
-        """Return the closure with every joint of offset axes turned as at motors ``pose`` (N, 8).
+        """Return the closure with every joint of offset axes rotated as at motors ``pose`` (N, 8).
 
-        At these poses c and all derivatives are those of the machine: the joint's own turn makes c
-        stationary, and so does no work. Itself where all axes meet.
+        At these poses c and all derivatives are those of the machine: the joint's own rotation
+        makes c stationary, and so does no work. Unchanged if all axes meet.
         """
         if not self.turning:
             return self
@@ -190,7 +190,7 @@ class Closure:
         return here._lines(here.carried(pose))
 
     def misclosure_and_lines(self, pose: Array) -> tuple[Array, Array]:
-        """Return c (N, d), m, and the legs' lines (N, d, 6), as each of the two alone."""
+        """Return c (N, d), m, and the legs' lines (N, d, 6), as from the two methods."""
         here = self.at(pose)
         moved = here.carried(pose)
         return here.scale * cga.inner(here.fixed, moved), here._lines(moved)
@@ -203,7 +203,7 @@ class Closure:
         return (sign * here.scale)[..., None] * cga.leg_line(point, surface)
 
     def contacts(self, pose: Array) -> Array:
-        """Return the points at which the legs hold the platform (N, d, 3), base axes."""
+        """Return the points at which the legs act on the platform (N, d, 3), base axes."""
         here = self.at(pose)
         return cga.coordinates(np.where(here.point_moves[:, None], here.carried(pose), here.fixed))
 
@@ -240,7 +240,7 @@ class Closure:
 
     def error_groups(self, pose: Array, lines: Array | None = None
                      ) -> list[tuple[Ints, tuple[tuple[int, ...], ...], Array]]:
-        """Return Bg for limbs together whose columns are as many.
+        """Return Bg for groups of limbs with equal numbers of columns.
 
         Returns:
             rows (L, k), parameter indices of each limb (L times P) and blocks (N, L, k, P).
@@ -276,7 +276,7 @@ class Closure:
             pose: closed platform motors (N, 8).
             limb: index of the limb.
             slots: names of its S slots.
-            lines: of the legs, where they are known already.
+            lines: of the legs, if already known.
 
         Returns:
             (N, d, S), m per m or rad of a slot.

@@ -1,10 +1,10 @@
-"""How functions are compiled, and where what was compiled is kept.
+"""How functions are compiled, and where compiled functions are cached.
 
-numba looks at a file's time and size to see whether a kept function is still the same, and not at
-the functions that it calls. Installed packages all have one time, and a sign that was mended has
-the size of the one that was not: so the folder is named by what is in the files. It is in the
-user's cache, never in the package: what an installer did not write it does not remove, and a folder
-that is left can still be imported.
+numba uses a file's time and size to decide whether a cached function is still valid, and ignores
+the functions that it calls. Installed packages all have one time, and a corrected sign does not
+change the size: so the cache folder is named by the contents of the files. It is in the
+user's cache, never in the package: an installer does not remove what it did not write, and a folder
+left behind could still be imported.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ Function = TypeVar("Function", bound=Callable[..., object])
 COMPILING = "compiling what takes many rows, some 15 s, once"
 
 part = numba.njit(error_model="numpy", nogil=True, forceinline=True)
-"""A piece of compiled functions. No sum is reordered (no fast-math)."""
+"""A part of compiled functions. No sum is reordered (no fast-math)."""
 called = numba.njit(error_model="numpy", nogil=True)
-"""A piece that few machines need, and too large to be in each of these functions."""
+"""A part that few machines need, too large to be inlined in each function."""
 
 
 def compiled(function: Function) -> Function:
-    """Return a function compiled at its first call, which is announced, and kept from then on."""
+    """Return a function compiled at its first call, which is announced, and cached from then on."""
     folder = _folder(function.__globals__["__file__"])
     settings: Any = numba.config
     before, settings.CACHE_DIR = settings.CACHE_DIR, folder
@@ -56,20 +56,20 @@ def compiled(function: Function) -> Function:
 
 
 def _kept(folder: str, name: str) -> bool:
-    """Whether a function of that name was compiled before; numba's index of it is there then."""
+    """Whether a function of that name was compiled before, by numba's index file."""
     return bool(folder) and any(Path(folder).rglob(f"*.{name}-*.nbi"))
 
 
 @cache
 def _folder(source: str) -> str:
-    """Return where functions of a file are kept, "" where nothing can be written."""
+    """Return the cache folder of a file's functions, "" if nothing can be written."""
     here = Path(__file__).parent
     files = sorted({*here.glob("compil*.py"), *Path(source).parent.glob("compil*.py"),
                     Path(source)})
     digest = hashlib.sha256(b"".join(f.read_bytes() for f in files)).hexdigest()[:16]
     home = os.path.expanduser("~")
     if not os.environ.get("XDG_CACHE_HOME") and home == "~":
-        return ""    # a user that the system does not know has no home
+        return ""    # a user unknown to the system has no home
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path(home, ".cache"), "ppmcal", digest)
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)

@@ -11,14 +11,14 @@ from ppmcal.kinematics.compilation import part
 from ppmcal.linalg import Array, Ints
 
 INVERTED = 1e-300
-"""A pivot below this: A cannot be inverted."""
+"""A is singular if a pivot is below this."""
 
 
 @part
 def factorise(A: Array, order: Ints) -> float:
     """Replace A (d, d) by its L and U with partial pivoting; return the sign of its determinant.
 
-    0 where it is singular, nan where it is not a number: ``order`` (d,) is not complete then, and
+    0 if it is singular, nan if it is not a number: then ``order`` (d,) is incomplete, and
     nothing can be solved with it.
     """
     d, sign = A.shape[0], 1.0
@@ -124,7 +124,7 @@ def turn(quaternion: Array, w1: float, w2: float, w3: float) -> None:
 def displace(step: Array, turns: bool, quaternion: Array, R: Array, t: Array) -> None:
     """Move rotor (4,), rotation (9,) and translation (3,) by a step (6,), base axes.
 
-    ``turns``: whether the platform does.
+    ``turns``: whether the platform can rotate.
     """
     for i in range(3):
         t[i] += step[i]

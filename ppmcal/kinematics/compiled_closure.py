@@ -1,12 +1,12 @@
 """Closure, Newton steps and error columns row by row, compiled: for many rows.
 
 The same formulas as :mod:`closure`, :mod:`forward` and :mod:`limb_groups`, fused into one loop over
-the rows, so that nothing of a row's size times the rows is ever stored between them. Importing this
-module imports numba, which takes a quarter of a second: :mod:`compiled_limbs` does so where rows
-are many. Pieces are compiled into each function that uses them.
+the rows, so that no intermediate result is stored for all rows. Importing this module imports
+numba, which takes a quarter of a second: :mod:`compiled_limbs` does so only if there are many
+rows. Parts are compiled into each function that uses them.
 
-``chain`` (L, 3, 12) is where the base, middle and platform chain of each limb end: a rotation, row
-by row, and a translation.
+``chain`` (L, 3, 12) holds the ends of the base, middle and platform chain of each limb: a rotation,
+row by row, and a translation.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ from ppmcal.model.limbs.surfaces import LEVER
 SPHERE, BASE_PLANE, PLATFORM_PLANE, ANGLE, BETWEEN_AXES, OVER_SHEAVE, OVER_SWIVEL = range(7)
 STILL, SLIDES, TURNS = 0, 1, 2
 BLOCK = 8
-"""Rows whose pairings are made together, so that one instruction serves several."""
+"""Rows whose pairings are computed together, so that one instruction serves several."""
 SAME = 1e-4
-"""After a step below this (translations in parts of the length scale, rad) A is not made anew: the
-step after it is off by this part of itself."""
+"""After a step below this (translations relative to the length scale, rad) A is not recomputed: the
+next step is off by this part of itself."""
 
 
 @part
 def chains_at(limbs: LimbTables, u: Array, chain: Array) -> None:
-    """Fill where the chains of all limbs end at joint coordinates u (L,)."""
+    """Fill the ends of the chains of all limbs at joint coordinates u (L,)."""
     for leg in range(limbs.drive.shape[0]):
         for k in range(3):
             moves = limbs.drive[leg, k]
@@ -56,9 +56,9 @@ def chains_at(limbs: LimbTables, u: Array, chain: Array) -> None:
 
 @part
 def sizes_at(limbs: LimbTables, chain: Array, size: Array) -> None:
-    """Fill of each equation (d, 3) its radius and one over it, 1 where there is none.
+    """Fill the radius of each equation and its inverse (d, 3), 1 if there is none.
 
-    Of ropes over pulleys these, and the third, depend on the pose: :func:`over_pulley_at`.
+    For ropes over pulleys these, and the third, depend on the pose: :func:`over_pulley_at`.
     """
     for e in range(limbs.form.shape[0]):
         mid = chain[limbs.limb[e], 1]
@@ -116,8 +116,8 @@ def direction_at(base: Array, end: Array, R: Array, i: int, j: int, meet: float,
                  z: float, c: Array, line: Array, e: int) -> None:
     """Fill misclosure and line of a condition e on directions; x, y, z: the platform's point.
 
-    As :func:`surfaces._angle` (``meet`` 0) and :func:`surfaces._between_axes` (1); without
-    branches, which would slow down those who have no such condition.
+    Like :func:`surfaces._angle` (``meet`` 0) and :func:`surfaces._between_axes` (1); without
+    branches, which would slow down machines without such a condition.
     """
     apart = 1.0 - meet
     a1, a2, a3 = base[i], base[3 + i], base[6 + i]
@@ -142,7 +142,7 @@ def direction_at(base: Array, end: Array, R: Array, i: int, j: int, meet: float,
 def middles_at(limbs: LimbTables, chain: Array, size: Array, middle: Array) -> None:
     """Fill each equation's line in the middle chain's root axes (d, 6).
 
-    Of a rope over a pulley its moment about itself is the pulley's: what c loses as that grows.
+    For a rope over a pulley its moment about itself is the pulley's: the decrease of c by radius.
     """
     for e in range(limbs.form.shape[0]):
         mid, a = chain[limbs.limb[e], 1], limbs.axis[e]
@@ -183,11 +183,11 @@ def pose_rows(line: Array, t: Array, dof: Ints, A: Array) -> None:
 @compiled
 def newton_rows(limbs: LimbTables, u: Array, pose: Array, scale: float, reach: float,
                 iterations: int, smallest: float, closed: float) -> tuple[Bools, Array, Array]:
-    """Newton on the closure of each row, as :func:`forward.newton`; ``pose`` (N, 8) in place.
+    """Newton on the closure of each row, like :func:`forward.newton`; ``pose`` (N, 8) in place.
 
     Returns:
-        converged (N,), lengths of the first two steps (N, 2), and the signs of det A (N, 2) where
-        it started and where it ended.
+        converged (N,), lengths of the first two steps (N, 2), and the signs of det A (N, 2) at
+        the start and at the end.
     """
     count, d = pose.shape[0], limbs.dof.shape[0]
     converged = np.zeros(count, dtype=np.bool_)
@@ -204,14 +204,14 @@ def newton_rows(limbs: LimbTables, u: Array, pose: Array, scale: float, reach: f
         size = math.inf
         for k in range(iterations):
             equations_at(limbs, chain, size_of, R, t, c, line)
-            # after a small step A is what it was, and the next one as good as with its own
+            # after a small step A is nearly unchanged, and the next step as good as with its own
             if not size < SAME:
                 pose_rows(line, t, limbs.dof, A)
                 sign = factorise(A, order)
                 signs[n, 1] = sign
                 if k == 0:
                     signs[n, 0] = sign
-                if not abs(sign) > 0.0:    # the order of its rows is not complete then
+                if not abs(sign) > 0.0:    # then the order of its rows is incomplete
                     if k < 2:
                         sizes[n, k] = math.nan
                     break
@@ -240,7 +240,7 @@ def newton_rows(limbs: LimbTables, u: Array, pose: Array, scale: float, reach: f
 @part
 def store_line(seen: Array, e: int, k: int, w: int, n1: float, n2: float, n3: float, m1: float,
                m2: float, m3: float) -> None:
-    """Keep a line as seen from a stage k of equation e in row w."""
+    """Store the line seen from stage k of equation e in row w."""
     seen[e, k, 0, w], seen[e, k, 1, w], seen[e, k, 2, w] = n1, n2, n3
     seen[e, k, 3, w], seen[e, k, 4, w], seen[e, k, 5, w] = m1, m2, m3
 
@@ -248,7 +248,7 @@ def store_line(seen: Array, e: int, k: int, w: int, n1: float, n2: float, n3: fl
 @part
 def store_carried_back(at: Array, seen: Array, e: int, k: int, w: int, n1: float, n2: float,
                        n3: float, m1: float, m2: float, m3: float) -> None:
-    """Keep a line as seen from axes (12,) that are at a rotation and a translation."""
+    """Store a line as seen from axes (12,) given by a rotation and a translation."""
     m1 -= at[10] * n3 - at[11] * n2
     m2 -= at[11] * n1 - at[9] * n3
     m3 -= at[9] * n2 - at[10] * n1
@@ -261,9 +261,9 @@ def store_carried_back(at: Array, seen: Array, e: int, k: int, w: int, n1: float
 @part
 def stage_lines(limbs: LimbTables, entries: EntryTables, chain: Array, body: Array, line: Array,
                 middle: Array, seen: Array, w: int) -> None:
-    """Fill each equation's line (d, 6, 6, BLOCK) as the twists of a stage pair with it, row w.
+    """Fill each equation's line (d, 6, 6, BLOCK) in the axes of each stage's twists, row w.
 
-    ``body`` (12,): where the platform is.
+    ``body`` (12,): the platform's pose.
     """
     for e in range(line.shape[0]):
         leg, first = limbs.limb[e], entries.first
@@ -340,7 +340,7 @@ def fill_columns(limbs: LimbTables, entries: EntryTables, u: Array, q: Array, po
                  by_pose: Array, out: Array) -> None:
     """Set columns of d(seen)/d(parameter) (N, m, C) to -by_pose A^-1 Bg; nan where A is singular.
 
-    ``by_pose`` (N or 1, m, 6): what is seen, by (origin displacement, rotation) of the platform.
+    ``by_pose`` (N or 1, m, 6): d observed/d(origin displacement, rotation) of the platform.
     """
     count, m, d = out.shape[0], out.shape[1], limbs.dof.shape[0]
     chain = limbs.ends[:, :, 0].copy()

@@ -1,8 +1,8 @@
-"""Limbs as tables for the compiled path, read off their declarations.
+"""Limbs as tables for the compiled path, derived from their declarations.
 
-A limb kind has nothing to add: chains whose steps say which of them is driven
-(:mod:`ppmcal.model.limbs.driven`) and a surface that says its equations
-(:class:`ppmcal.model.limbs.kind.EquationForm`) are all it takes. Where one limb of a machine has
+A limb kind needs nothing extra: chains whose steps say which of them is driven
+(:mod:`ppmcal.model.limbs.driven`) and a surface that declares its equations
+(:class:`ppmcal.model.limbs.kind.EquationForm`) are enough. If one limb of a machine has
 no such form (a plug-in's own step or surface, a universal joint whose axes do not meet, an effect
 that changes a length from row to row), the NumPy path of :mod:`closure` is taken for all.
 """
@@ -27,9 +27,9 @@ from ppmcal.model.limbs.driven import DrivenChain, cut_at_drive
 from ppmcal.model.mechanism import Mechanism
 
 MANY = 1000
-"""From so many rows on the compiled path pays for its import, half a second with what is kept."""
+"""From this many rows on the compiled path is worth its import, half a second if cached."""
 SURPLUS = 10
-"""A row of surplus limbs is worth so many others: its pose is sought twice, in longer searches."""
+"""A row of surplus limbs counts as this many: its pose is sought twice, in longer searches."""
 FORMS = {"sphere": 0, "base plane": 1, "platform plane": 2, "angle": 3,
          "between axes": 4, "over sheave": 5, "over swivel": 6}
 OVER = ("over sheave", "over swivel")
@@ -47,7 +47,7 @@ class CompiledLimbs:
         closure: of N rows.
         limbs: its tables.
         u: joint coordinates (N, L).
-        chains: of each group of limbs, cut at the drive.
+        chains: of each group of limbs, split at the drive.
     """
 
     closure: Closure
@@ -61,11 +61,11 @@ class CompiledLimbs:
 
         Args:
             pose: motors (N, 8) to start from.
-            iterations: at most so many.
-            smallest: a step below this part of the length scale, or rad, ends the search.
-            closed: so does a misclosure below this part of the reach, both together.
-            most: where limbs are surplus, rows are given up whose second step is above this part
-                of the first.
+            iterations: maximum number of iterations.
+            smallest: a step below this part of the length scale, or rad, ends the search,
+            closed: together with a misclosure below this part of the reach.
+            most: for surplus limbs, rows whose second step is above this part of the first
+                are abandoned.
 
         Returns:
             motors (N, 8), converged (N,), lengths of the first two steps (N, 2), signs of det A
@@ -96,14 +96,14 @@ class CompiledLimbs:
 
     def error_columns(self, pose: Array, by_pose: Array, place: Mapping[int, int], out: Array,
                       homing: int | None = None) -> bool:
-        """Set columns of the Jacobian of what is seen, -by_pose A^-1 (Bg, Jq).
+        """Set columns of the Jacobian of what is observed, -by_pose A^-1 (Bg, Jq).
 
         Args:
             pose: closed platform motors (N, 8).
-            by_pose: d seen/d(platform origin displacement, rotation) (N or 1, m, 6).
-            place: parameter -> its column; those that the closure was asked for.
+            by_pose: d observed/d(platform origin displacement, rotation) (N or 1, m, 6).
+            place: parameter -> its column; those for which the closure was built.
             out: (N, m, C), in place, contiguous.
-            homing: column of the first joint's offset, where those are wanted.
+            homing: column of the first joint's offset, if those are wanted.
 
         Returns:
             Whether there is such a form; if not, nothing is set.
@@ -120,7 +120,7 @@ class CompiledLimbs:
         return True
 
     def entries(self, place: Mapping[int, int], homing: int | None) -> EntryTables | None:
-        """Return what columns are made of, None where a drive ratio changes from row to row."""
+        """Return the entries of columns, None if a drive ratio changes from row to row."""
         return entry_tables(self.closure, self.chains, place, homing)
 
     @staticmethod
@@ -129,17 +129,17 @@ class CompiledLimbs:
 
 
 def worth(mechanism: Mechanism, rows: int) -> int:
-    """Return how many rows of a machine without surplus limbs so many rows take as long as."""
+    """Return the cost of so many rows in rows of a machine without surplus limbs."""
     return rows * SURPLUS if mechanism.surplus else rows
 
 
 def pays(mechanism: Mechanism, rows: int) -> bool:
-    """Whether so many rows are enough for the compiled path, where there is one."""
+    """Whether there are enough rows for the compiled path, if the machine has one."""
     return worth(mechanism, rows) >= MANY
 
 
 def compiled_limbs(closure: Closure, rows: int) -> CompiledLimbs | None:
-    """Return a closure's compiled form for so many rows; None where NumPy is the way."""
+    """Return a closure's compiled form for so many rows; None to use NumPy."""
     mechanism = closure.model.mechanism
     if not pays(mechanism, rows) or closure.model.parameters.ndim > 1:
         return None
@@ -161,7 +161,7 @@ Tables = tuple[LimbTables, tuple[tuple[DrivenChain, ...], ...]]
 
 
 def _tables(closure: Closure) -> Tables | None:
-    """Return a closure's tables with its chains: made once of a model alike for all rows."""
+    """Return a closure's tables with its chains, cached if the model is the same for all rows."""
     model = closure.model
     if model.shift is not None:
         return _made(closure)
@@ -203,7 +203,7 @@ def _made(closure: Closure) -> Tables | None:
 
 
 def _each_driven(mechanism: Mechanism) -> bool:
-    """Whether each limb is one sphere, or as good as one, with a drive of its own."""
+    """Whether each limb is one sphere, or equivalent to one, with a drive of its own."""
     drives = [limb.actuator for limb in mechanism.limbs]
     return len(set(drives)) == len(drives) and all(
         len(limb.kind.surface.forms) == 1 and limb.kind.surface.forms[0].name in ROUND
@@ -211,7 +211,7 @@ def _each_driven(mechanism: Mechanism) -> bool:
 
 
 def _has_form(group: LimbGroup) -> bool:
-    """Whether limbs follow the pose in no way but that of the pulleys that loops know."""
+    """Whether surfaces depend on the pose only by pulleys that the compiled loops know."""
     kind, forms = group.kind, group.kind.surface.forms
     if group.pose is not None or not forms or any(f.name not in FORMS for f in forms):
         return False
@@ -222,17 +222,17 @@ def _has_form(group: LimbGroup) -> bool:
 
 
 def _with_wheel(rope: DrivenChain, radius: str, axis: int) -> DrivenChain:
-    """Return a rope's chain with its pulley's radius, as a turn about the rope.
+    """Return a rope's chain with its pulley's radius as a rotation about the rope.
 
-    There it stands for what the pose decides: the rope's line has a moment about itself which is
-    what a larger pulley takes from c (:func:`compiled_closure.middles_at`).
+    It stands for what the pose decides: the rope's line has a moment about itself that is
+    the decrease of c by the radius (:func:`compiled_closure.middles_at`).
     """
     turn = np.broadcast_to(np.eye(6)[axis], rope.drive.shape)
     return replace(rope, still={**rope.still, radius: turn})
 
 
 def _ends(chain: DrivenChain) -> tuple[int, Array] | None:
-    """Return how a chain of L limbs moves and where it ends (L, 3, 12), None for a screw."""
+    """Return how a chain of L limbs moves and its ends (L, 3, 12), None for a screw."""
     w, v = chain.drive[:, :3], chain.drive[:, 3:]
     turns, slides = bool(w.any()), bool(v.any())
     if turns and (slides or np.any(np.abs(np.sum(w * w, axis=-1) - 1.0) > 1e-15)):

@@ -1,7 +1,7 @@
 """How a rope leaves its pulley, row by row, for compiled loops.
 
-The same formulas as :mod:`ppmcal.model.limbs.pulley`. Importing this module imports numba, as
-:mod:`compiled_closure` says.
+The same formulas as :mod:`ppmcal.model.limbs.pulley`. Importing this module imports numba, like
+:mod:`compiled_closure`.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ def over_pulley_at(base: Array, u: float, r: float, swivels: bool, x: float, y: 
                    c: Array, line: Array, size: Array, e: int) -> None:
     """Fill misclosure and line of a rope e over a pulley of radius r; x, y, z: its end.
 
-    As :mod:`ppmcal.model.limbs.pulley` and :func:`surfaces._over_pulley` have it. ``size``: one
-    over the free length, and the derivative of c by the radius with its sign changed.
+    Like :mod:`ppmcal.model.limbs.pulley` and :func:`surfaces._over_pulley`. ``size``: one
+    over the free length, and minus the derivative of c by the radius.
     """
     d1, d2, d3 = x - base[9], y - base[10], z - base[11]
     s1 = base[0] * d1 + base[3] * d2 + base[6] * d3
@@ -49,5 +49,5 @@ def over_pulley_at(base: Array, u: float, r: float, swivels: bool, x: float, y: 
 
 @part
 def wrapped(angle: float) -> float:
-    """Return an arc between a quarter turn less than none and one less than a whole turn, rad."""
+    """Return an arc from minus a quarter turn to three quarters of a turn, rad."""
     return (angle + 0.5 * math.pi) % (2.0 * math.pi) - 0.5 * math.pi

@@ -1,8 +1,8 @@
 """Closure by least squares row by row, compiled: for many rows of a machine with surplus equations.
 
-The same formulas as :mod:`least_squares_closure` where each equation has a drive of its own: S is
-diagonal then, and what closes gaps best solves the d normal equations A' S^-1 A. Importing this
-module imports numba, as :mod:`compiled_closure` says.
+The same formulas as :mod:`least_squares_closure` for equations that each have a drive of their own:
+then S is diagonal, and the step that closes gaps best solves the d normal equations A' S^-1 A.
+Importing this module imports numba, like :mod:`compiled_closure`.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def rates_at(limbs: LimbTables, u: Array, chain: Array, size: Array, R: Array, l
              rate: Array) -> None:
     """Fill dc/du (m,) of spheres and ropes at a rotation R (9,).
 
-    Each by its limb's own joint coordinate.
+    Each by its own limb's joint coordinate.
     """
     for e in range(limbs.form.shape[0]):
         leg = limbs.limb[e]
@@ -56,7 +56,7 @@ def rates_at(limbs: LimbTables, u: Array, chain: Array, size: Array, R: Array, l
                 elif k == 1:
                     if limbs.form[e] == SPHERE:
                         moved *= chain[leg, 1, 9 + i] * size[e, 1]
-                    elif limbs.axis[e] != i:    # of a rope over a pulley along itself
+                    elif limbs.axis[e] != i:    # for a rope over a pulley, along the rope
                         moved = 0.0
                     rate[e] -= moved
                 else:
@@ -68,8 +68,8 @@ def rates_at(limbs: LimbTables, u: Array, chain: Array, size: Array, R: Array, l
 def spreads_at(limbs: LimbTables, noise: Array, gaps: Array, rate: Array) -> float:
     """Replace dc/du (m,) by the standard deviations of the equations (m,).
 
-    Of ``noise`` of the limbs' joint coordinates (L,) and what the equations may gap (m,). Returns
-    the least of their variances over the largest, where some gap; else 1.
+    From the ``noise`` of the limbs' joint coordinates (L,) and the closure gaps (m,). Returns
+    the smallest of their variances over the largest if any has a gap; else 1.
     """
     gaping, least, most = False, math.inf, 0.0
     for e in range(rate.shape[0]):
@@ -84,11 +84,11 @@ def spreads_at(limbs: LimbTables, noise: Array, gaps: Array, rate: Array) -> flo
 @part
 def add_curvature(limbs: LimbTables, chain: Array, size: Array, R: Array, line: Array,
                   force: Array, out: Array) -> None:
-    """Add what forces (m,) make of the second derivative of spheres by the pose to out (d, d).
+    """Add the second derivative of spheres by the pose, times forces (m,), to out (d, d).
 
     A point at ``a`` from the platform's origin moves by v + w x a, and so does the line n to it.
-    Displacements together give f / r, displacement and turn w x (a / r - n / 2) f, and turns
-    M - tr(M) with M = (n a' + a n') f / 2 - a a' f / r.
+    Displacements together give f / r, displacement and rotation w x (a / r - n / 2) f, and
+    rotations M - tr(M) with M = (n a' + a n') f / 2 - a a' f / r.
     """
     square = x1 = x2 = x3 = 0.0
     m11 = m12 = m13 = m22 = m23 = m33 = 0.0
@@ -166,11 +166,11 @@ def solved_step(N: Array, order: Ints, g: Array, x: Array) -> None:
 def newton_rows(limbs: LimbTables, u: Array, pose: Array, scale: float, reach: float,
                 iterations: int, smallest: float, most: float, exact: float, small: float,
                 noise: Array, gaps: Array) -> tuple[Bools, Array]:
-    """Newton to where the closure is least, as :func:`forward.newton`; ``pose`` (N, 8) in place.
+    """Newton to the least closure error, like :func:`forward.newton`; ``pose`` (N, 8) in place.
 
-    ``most``: rows whose second step is above this part of the first are given up; ``exact`` and
-    ``small``: as of :mod:`least_squares_closure`; ``noise`` of joint coordinates (L,) and ``gaps``
-    (m,) weigh the equations.
+    ``most``: rows whose second step is above this part of the first are abandoned; ``exact`` and
+    ``small``: see :mod:`least_squares_closure`; ``noise`` of joint coordinates (L,) and ``gaps``
+    (m,) weight the equations.
 
     Returns:
         converged (N,) and lengths of the first two steps (N, 2).
@@ -199,8 +199,8 @@ def newton_rows(limbs: LimbTables, u: Array, pose: Array, scale: float, reach: f
             for e in range(m):
                 weight[e] = 1.0 / (rate[e] * rate[e] / mean + exact)
                 force[e] = weight[e] * c[e]
-            # after a small step both matrices are what they were, as in compiled_closure; of some
-            # equations that weigh far more than others a small turn is no small one
+            # after a small step both matrices are nearly unchanged, as in compiled_closure; if some
+            # equations weigh far more than others, a small rotation is not a small step
             again = size < SAME * alike
             if again:
                 gradient_at(A, force, g)
@@ -218,7 +218,7 @@ def newton_rows(limbs: LimbTables, u: Array, pose: Array, scale: float, reach: f
             if bends:
                 solved_step(bent, other, g, curved)
                 if not again:
-                    # far off the curvature may lead uphill: then the step without it
+                    # far off, the curvature may lead uphill: then take the step without it
                     down = apart = whole = 0.0
                     for j in range(d):
                         down += curved[j] * g[j]

@@ -1,4 +1,4 @@
-"""What the effects of a machine do to it at given poses: shifted models, and derivatives."""
+"""The influence of a machine's effects at given poses: shifted models, and derivatives."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ from ppmcal.model.parameters import Parameter
 
 ROUNDS = 40
 SETTLED = 1e-12
-"""Loads, slots and poses belong together: they change by less than this part of the reach."""
+"""Loads, slots and poses are consistent if they change by less than this part of the reach."""
 NO_FACTOR = 1e-8
-"""Of the reach, the root of round-off: smaller moves do not tell whether they become smaller."""
+"""Relative to the reach, the root of round-off: smaller moves do not show whether they shrink."""
 
 
 def environment_of(mechanism: Mechanism, data: Dataset) -> Environment:
     """Return the environment of a data set's rows."""
     whole = data.entire
-    # of a distance between two positions nobody says in which order they were visited
+    # for a distance between two positions the order in which they were visited is unknown
     q = whole.q if whole.to_q is None else np.full_like(whole.q, np.nan)
     seen = environment(whole.columns, mechanism.actuators, mechanism.gravity, q,
                        whole.approach == "sequence")
@@ -77,9 +77,9 @@ def environment_of(mechanism: Mechanism, data: Dataset) -> Environment:
 
 
 def _where_joints_stood(model: Model, pose: Array, place: Ints) -> Array:
-    """Return the joint values (N, k) with which all limbs close, the same at one place.
+    """Return the joint values (N, k) at which all limbs close, the same at one place.
 
-    Where readings are all that was measured, an effect that followed them would follow their noise:
+    If readings are the only measurements, an effect that followed them would follow their noise:
     a wave could imitate it, and a machine that is smaller by a scale has smaller gaps.
     """
     q = inverse(model, pose).q
@@ -94,7 +94,7 @@ def _where_joints_stood(model: Model, pose: Array, place: Ints) -> Array:
 
 def setting(model: Model, environment: Environment, q: Array, pose: Array,
             loaded: Model | None = None) -> Setting:
-    """Return what effects may know of N rows.
+    """Return what effects may use about N rows.
 
     Args:
         model: the machine without effects.
@@ -137,7 +137,7 @@ def setting(model: Model, environment: Environment, q: Array, pose: Array,
 
 
 def _carrying(mechanism: Mechanism, g: Array, known: Setting) -> Setting:
-    """Return the setting with what the platform carries according to the effects at ``g`` (P,)."""
+    """Return the setting with the load that the platform carries by the effects at ``g`` (P,)."""
     weight, wrench = known.weight, known.wrench
     carried: tuple[str | float, ...] = ()
     for effect in mechanism.effects:
@@ -155,8 +155,8 @@ def _carrying(mechanism: Mechanism, g: Array, known: Setting) -> Setting:
 def _past_loads(mechanism: Mechanism, history: History | None, g: Array) -> Array:
     """Return the loads on the actuators at each row of a history (H, k), nominal geometry.
 
-    An error of the geometry changes them by its part of the reach, a thousandth of what they do.
-    What the platform carries is that of the effects at ``g`` (P,).
+    An error of the geometry changes them by its part of the reach, some thousandth of them.
+    The load that the platform carries is that of the effects at ``g`` (P,).
     """
     if history is None:
         return np.full((0, len(mechanism.actuators)), np.nan)
@@ -170,7 +170,7 @@ def _past_loads(mechanism: Mechanism, history: History | None, g: Array) -> Arra
 
 
 def effect_terms(mechanism: Mechanism, g: Array, at: Setting) -> list[tuple[Effect, Terms]]:
-    """Return what each effect adds at parameters ``g`` (P,), with its derivatives."""
+    """Return the shift by each effect at parameters ``g`` (P,), with its derivatives."""
     out = []
     for effect in mechanism.effects:
         values = {name: float(g[p]) for name, p in effect.parameters.items()}
@@ -186,13 +186,13 @@ def effect_terms(mechanism: Mechanism, g: Array, at: Setting) -> list[tuple[Effe
 
 def carried_by(kind: EffectKind, model: Model, at: Setting,
                borne: Callable[[Setting], Shift] | None = None) -> Mapping[str, Shift]:
-    """Return the derivatives of a shift by the parameters of a kind that says what is carried.
+    """Return the derivatives of a shift by the parameters of a kind of carried load.
 
     Args:
-        kind: with ``carried``; where the model has it, at its values, else at 0.
+        kind: with ``carried``; at the model's values if it has the effect, else at 0.
         model: the machine at its parameters.
         at: its rows.
-        borne: what gives way to the load; default the model's own effects.
+        borne: the compliance under the load; default the model's own effects.
     """
     mechanism = model.mechanism
     if not any(e.kind is kind for e in mechanism.effects):
@@ -203,12 +203,12 @@ def carried_by(kind: EffectKind, model: Model, at: Setting,
 
 
 CARRIED_STEP = 1e-4
-"""Of central differences, m or rad: exact for kinds that are linear in the load."""
+"""Step of central differences, m or rad: exact for kinds that are linear in the load."""
 
 
 def _by_carried(mechanism: Mechanism, g: Array, at: Setting, p: int,
                 borne: Callable[[Setting], Shift] | None = None) -> Shift:
-    """Return the derivative of the shift of all other effects by what the platform carries."""
+    """Return the derivative of the shift of all other effects by the carried load."""
     others = replace(mechanism, effects=tuple(
         e for e in mechanism.effects if e.kind.carried is None
         and (e.kind.uses_load or {"load", "wrench"} & set(e.kind.needs))))
@@ -224,7 +224,7 @@ def _by_carried(mechanism: Mechanism, g: Array, at: Setting, p: int,
 
 
 def _until(mechanism: Mechanism, g: Array, effect: Effect) -> Array | None:
-    """Return the row from which on another event takes an event's place, by joint (k,)."""
+    """Return the row from which another event replaces an event, by joint (k,)."""
     if not effect.kind.onset:
         return None
     mine = float(g[effect.parameters[effect.kind.onset]])
@@ -238,13 +238,13 @@ def _until(mechanism: Mechanism, g: Array, effect: Effect) -> Array | None:
 
 
 def shifted(model: Model, environment: Environment, q: Array, pose: Array) -> Model:
-    """Return the model with its effects at these rows; itself where it has none.
+    """Return the model with its effects at these rows; unchanged without effects.
 
-    Loads are those of the machine that closes at these poses, its effects included.
+    Loads are those of the machine that closes at these poses, including its effects.
 
     Args:
         model: the machine at its parameters.
-        environment: what the effects depend on, N rows.
+        environment: the variables that effects depend on, N rows.
         q: joint values (N, k).
         pose: closed platform motors (N, 8), base frame.
     """
@@ -257,7 +257,7 @@ def shifted(model: Model, environment: Environment, q: Array, pose: Array) -> Mo
 
 
 def _settled(now: Model, environment: Environment, q: Array, pose: Array) -> Model:
-    """Repeat loads and slots until they belong together; rows that will not have unknown slots."""
+    """Iterate loads and slots to consistency; slots of rows that do not converge are unknown."""
     reach = now.mechanism.reach
     last, lost = np.full(len(q), np.inf), np.zeros(len(q), dtype=bool)
     for left in range(ROUNDS - 1, -1, -1):
@@ -274,18 +274,18 @@ def _settled(now: Model, environment: Environment, q: Array, pose: Array) -> Mod
 
 
 def hopeless(change: Array, last: Array, limit: float, left: int, reach: float) -> Bools:
-    """Return which rows cannot settle in the rounds that are left (N,).
+    """Return which rows cannot settle in the remaining rounds (N,).
 
-    A fixed point that attracts is approached by the same factor in every round. A row whose
-    last factor would not bring it below the limit in twice the rounds that are left, or that
-    moved farther than in the round before, has no equilibrium.
+    An attracting fixed point is approached by the same factor in every round. A row whose
+    last factor would not bring it below the limit in twice the remaining rounds, or that
+    moved farther than in the previous round, has no equilibrium.
 
     Args:
-        change: by how much each row moved, m (N,), nan where it has no pose.
-        last: the same of the round before, inf in the first.
+        change: how far each row moved, m (N,), nan without a pose.
+        last: the same in the previous round, inf in the first.
         limit: below which a row has settled, m.
-        left: rounds.
-        reach: of the machine, m; of moves below the root of round-off no factor is given.
+        left: remaining rounds.
+        reach: of the machine, m; moves below the root of round-off give no factor.
     """
     if not left:
         return np.asarray(change > limit)
@@ -297,9 +297,9 @@ def hopeless(change: Array, last: Array, limit: float, left: int, reach: float) 
 
 
 def shifted_once(model: Model, environment: Environment, q: Array, pose: Array) -> Model:
-    """Return the model with its effects, loads being those of ``model`` as it is.
+    """Return the model with its effects, with the loads of ``model`` as it is.
 
-    One round of what :func:`shifted` repeats; arguments as there.
+    One round of the iteration in :func:`shifted`; arguments as there.
     """
     at = setting(replace(model, shift=None), environment, q, pose, model)
     whole = total([t.shift for _, t in effect_terms(model.mechanism, model.parameters, at)])
@@ -309,9 +309,9 @@ def shifted_once(model: Model, environment: Environment, q: Array, pose: Array) 
 
 
 def beyond(model: Model, environment: Environment, q: Array, pose: Array) -> list[str]:
-    """Return which effect is not known at each row, in words, with the range where it is (N,).
+    """Return which effect is outside its known range at each row, in words, with the range (N,).
 
-    Empty where none is beyond its range; arguments as in :func:`shifted`.
+    Empty where none is; arguments as for :func:`shifted`.
     """
     out = [""] * len(q)
     effects = model.mechanism.effects
@@ -339,7 +339,7 @@ def beyond(model: Model, environment: Environment, q: Array, pose: Array) -> lis
 
 
 def final_shift(mechanism: Mechanism) -> Shift:
-    """Return what has happened to frame and target for good, one row, after all events."""
+    """Return the permanent changes of frame and target, one row, after all events."""
     bare, k = replace(mechanism, effects=()), len(mechanism.actuators)
     at = setting(Model(bare), unknown_environment(1, k), np.full((1, k), np.nan),
                  mechanism.home[None])
@@ -348,7 +348,7 @@ def final_shift(mechanism: Mechanism) -> Shift:
 
 
 def slots_apart(before: Model, now: Model, rows: int) -> Array:
-    """Return by how much slots of two shifted models differ at most, row by row (N,)."""
+    """Return the largest difference of slots between two shifted models, row by row (N,)."""
     old, new = (m.shift.slots if m.shift else {} for m in (before, now))
     out = np.zeros(rows)
     for slot, value in new.items():
@@ -358,7 +358,7 @@ def slots_apart(before: Model, now: Model, rows: int) -> Array:
 
 
 def with_strokes(mechanism: Mechanism, q: Array) -> Mechanism:
-    """Return the machine with strokes that the file leaves open taken from joints (N, k)."""
+    """Return the machine with strokes that the file leaves open set from joint values (N, k)."""
     parameters = list(mechanism.parameters)
     travel = setting(Model(mechanism), unknown_environment(*q.shape), q,
                      np.full((q.shape[0], 8), np.nan)).travel
@@ -376,7 +376,7 @@ def with_strokes(mechanism: Mechanism, q: Array) -> Mechanism:
 
 
 def _spread(effect: Effect, motion: Motion, parameters: Sequence[Parameter]) -> bool:
-    """Whether what an effect does is spread over the stroke at all."""
+    """Whether an effect varies over the stroke at all."""
     own = [(s, parameters[effect.parameters[s.name]])
            for s in effect.kind.parameters(motion)]
     spread = [p for s, p in own if s.of_stroke or s.per_stroke]

@@ -1,7 +1,7 @@
-"""What the columns of a Jacobian are made of: one twist per slot and equation.
+"""Entries of the columns of a Jacobian: one twist per slot and equation.
 
-A parameter that feeds several slots, or one slot of several limbs, has as many entries; those of
-one column that belong to the same equation and the same part of a chain are one.
+A parameter that feeds several slots, or one slot of several limbs, has several entries; those of
+one column that belong to the same equation and the same part of a chain are merged.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from ppmcal.model.limbs.chain import U
 from ppmcal.model.limbs.driven import DrivenChain
 
 SIGNS = (-1.0, -1.0, 1.0)
-"""A twist before the contact takes from c, one on the platform's side adds to it."""
+"""A twist before the contact subtracts from c, one on the platform's side adds to it."""
 STAGES = 6
-"""Base, middle and platform chain, each before and behind its drive."""
+"""Base, middle and platform chain, each before and after its drive."""
 
 
 def entry_tables(closure: Closure, chains: Sequence[Sequence[DrivenChain]],
                  place: Mapping[int, int], homing: int | None) -> EntryTables | None:
-    """Return what columns of parameters and joints are made of.
+    """Return the entries of the columns of parameters and joints.
 
     Args:
-        closure: asked for the parameters.
-        chains: of each group of limbs, cut at the drive.
+        closure: built for the parameters.
+        chains: of each group of limbs, split at the drive.
         place: parameter -> column.
-        homing: column of the first joint's offset, where those are asked for.
+        homing: column of the first joint's offset, if those are wanted.
 
-    None where a drive ratio differs from row to row and is asked for.
+    None if a drive ratio differs from row to row and is needed.
     """
     keys: list[tuple[int, int, int, int]] = []
     twists: list[Array] = []
@@ -59,7 +59,7 @@ def entry_tables(closure: Closure, chains: Sequence[Sequence[DrivenChain]],
 
 
 def _twists(chains: Sequence[DrivenChain]) -> dict[str, list[tuple[int, Array]]]:
-    """Return the stages that each slot is a part of, with its twists there (L, 6)."""
+    """Return the stages to which each slot belongs, with its twists there (L, 6)."""
     out: dict[str, list[tuple[int, Array]]] = {}
     for k, chain in enumerate(chains):
         for behind, part in enumerate((chain.still, chain.carried)):
@@ -69,7 +69,7 @@ def _twists(chains: Sequence[DrivenChain]) -> dict[str, list[tuple[int, Array]]]
 
 
 def _sorted(keys: Ints, twists: Array, equations: int) -> EntryTables:
-    """Return entries of (equation, stage, column, joint) (S, 4), like ones added up, in order."""
+    """Return sorted entries of (equation, stage, column, joint) (S, 4), equal ones summed."""
     keys, same = np.unique(keys, axis=0, return_inverse=True)
     twist = np.zeros((len(keys), 6))
     np.add.at(twist, same.reshape(-1), twists)

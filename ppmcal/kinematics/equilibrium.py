@@ -1,7 +1,7 @@
 """Where a machine with effects goes, and what to send so that it goes there.
 
 Loads depend on the pose and, through compliance, the pose on the loads: the equilibrium
-is solved by repeating the forward kinematics with the loads of the pose before, which
+is found by repeating the forward kinematics with the loads of the previous pose, which
 contracts by deflection over reach, some 1e-5, per round.
 """
 
@@ -38,7 +38,7 @@ from ppmcal.model.effects import Shift
 from ppmcal.model.mechanism import Mechanism
 
 GAPING_STEPS, STAYS = 4, 1e-3
-"""Newton steps to joints at which limbs gap; in them platforms move by so much less than joints."""
+"""Newton steps to joint values at which limbs gap; weight of platform motion against joints."""
 
 
 def uses_load(mechanism: Mechanism) -> bool:
@@ -50,8 +50,8 @@ def uses_load(mechanism: Mechanism) -> bool:
 class Reached:
     """Poses that a machine with effects takes.
 
-    ``closed`` (N, 8): motors at which the limbs close; ``pose`` (N, 8): where the platform
-    is, drift and frame compliance included; ``model``: with its shift at these poses.
+    ``closed`` (N, 8): motors at which the limbs close; ``pose`` (N, 8): the platform's
+    pose, including drift and frame compliance; ``model``: with its shift at these poses.
     """
 
     closed: Array
@@ -68,12 +68,12 @@ def platform_pose(closed: Array, shift: Shift | None) -> Array:
 
 def reached_poses(model: Model, q: Array, environment: Environment | None = None,
                   start: Array | None = None, start_q: Array | None = None) -> Reached:
-    """Return the poses at joint values ``q`` (N, k), in equilibrium; nan where there is none.
+    """Return the equilibrium poses at joint values ``q`` (N, k); nan where there is none.
 
     Args:
         model: the machine at its parameters.
         q: joint values, SI.
-        environment: of the rows; None where nothing is known.
+        environment: of the rows; None if nothing is known.
         start: motors (N, 8) to start from, default home.
         start_q: joint values there.
     """
@@ -82,7 +82,7 @@ def reached_poses(model: Model, q: Array, environment: Environment | None = None
     first = forward(model, q, start, start_q) if heavy or not model.mechanism.effects else None
     now = shifted(model, rows, q, first.pose if first else np.full((q.shape[0], 8), np.nan))
     if rows.stood is not None and not heavy and not row_known(now.shift, len(q)).any():
-        # without an instrument what follows the joints follows from the pose, and so it settles
+        # without an instrument, effects of the joints follow from the pose, so this settles
         heavy, first = True, forward(model, q, start, start_q)
         now = shifted(model, rows, q, first.pose)
     closed = first.pose if first and now is model else _forward(now, q, start, start_q).pose
@@ -94,8 +94,8 @@ def reached_poses(model: Model, q: Array, environment: Environment | None = None
 def consistent_joints(model: Model, q: Array, environment: Environment) -> tuple[Array, Reached]:
     """Return joint values (N, k) near ``q`` at which all limbs close, and the poses.
 
-    A machine with surplus equations cannot take any joint values: what its encoders show is where
-    its limbs are. Of others ``q`` itself.
+    A machine with surplus equations cannot take arbitrary joint values: its encoders show where
+    its limbs are. For other machines ``q`` itself.
     """
     real = reached_poses(model, q, environment)
     if not model.mechanism.surplus:
@@ -110,15 +110,15 @@ def consistent_joints(model: Model, q: Array, environment: Environment) -> tuple
 
 
 def gaping(q: Array, real: Reached, gaps: Array) -> tuple[Array, Reached]:
-    """Return joint values (N, k) at which limbs gap as told (N, m), and the poses.
+    """Return joint values (N, k) at which limbs have given gaps (N, m), and the poses.
 
-    Joints move by the gaps of their own limbs; where equations have no drive, or share one, so does
-    the platform, by as little as may be.
+    Joints move by the gaps of their own limbs; if equations have no drive, or share one, so does
+    the platform, by as little as possible.
 
     Args:
         q: joint values at which all limbs close.
         real: the poses there.
-        gaps: true lengths, of equations between directions as they are.
+        gaps: true lengths; for equations between directions, their own values.
     """
     mechanism, closed = real.model.mechanism, real.closed.copy()
     rows = np.flatnonzero(finite_rows(closed) & finite_rows(q))
@@ -145,7 +145,7 @@ def _forward(model: Model, q: Array, start: Array | None, start_q: Array | None)
 
 
 def row_known(shift: Shift | None, rows: int) -> NDArray[np.bool_]:
-    """Return which rows have all that their effects need (N,)."""
+    """Return which rows have everything that their effects need (N,)."""
     usable = np.ones(rows, dtype=bool)
     if shift is not None:
         for value in (*shift.slots.values(), *([] if shift.pose is None else [shift.pose])):
@@ -164,8 +164,8 @@ def settle(model: Model, q: Array, rows: Environment, closed: Array, wary: bool 
         q: joint values (N, k).
         rows: the environment that effects depend on, N rows.
         closed: platform motors (N, 8) to start from, without the effects' own twist.
-        wary: of surplus limbs whether rows that stand out are looked at again.
-        minima: of a fit on its way, to which is added.
+        wary: whether rows of surplus limbs that stand out are solved again.
+        minima: those known during a fit, to which new ones are added.
     """
     now = shifted(model, rows, q, closed)
     n = q.shape[0]
@@ -195,12 +195,12 @@ def _newton(model: Model, q: Array, closed: Array, wary: bool = True,
 
 def _settle(model: Model, q: Array, rows: Environment, closed: Array, wary: bool = True,
             minima: Minima | None = None) -> tuple[Array, Model]:
-    """Repeat closure and loads until they belong together; rows that will not become nan at once.
+    """Iterate closure and loads to consistency; rows that cannot converge become nan at once.
 
-    Only rows that still move are solved again, and loads once in each round: the cost is that of
-    the rows that need it. Whether a row will settle is seen in its slots: those of a round follow
-    from those of the round before alone. A pose moves by what its slots did a round earlier, so
-    that pose and slots together seem to stay where they are the first time.
+    Only rows that still move are solved again, with loads once per round, so that the cost is that
+    of the rows that need it. Whether a row settles is judged by its slots, because those of a round
+    follow from the previous ones alone. A pose moves by the change of slots one round earlier, so
+    pose and slots together would seem to rest in the first round.
     """
     reach = model.mechanism.reach
     now, closed = shifted_once(model, rows, q, closed), closed.copy()
@@ -214,7 +214,7 @@ def _settle(model: Model, q: Array, rows: Environment, closed: Array, wary: bool
         change = slots_apart(before, now, q.shape[0])[active]
         lost = hopeless(change, last[active], SETTLED * reach, left, reach)
         last[active] = change
-        unsettled = np.maximum(change, moved_by) > SETTLED * reach   # nan, no pose, is not
+        unsettled = np.maximum(change, moved_by) > SETTLED * reach   # False for nan, no pose
         if not left:
             lost |= unsettled
         closed[active[lost]] = np.nan

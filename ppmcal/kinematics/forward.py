@@ -1,8 +1,8 @@
 """Forward kinematics: Newton on the stacked closure, in the assembly mode of home.
 
 The stacked closure equations c(M, q) = 0 are solved for the platform motor M by Newton steps on
-the pose matrix A. A direct solution from the start is trusted where Newton contracts
-from its first step on; elsewhere the joints are led from the start to their values in
+the pose matrix A. A direct solution from the start is trusted if Newton contracts
+from its first step on; otherwise the joints are led from the start to their values in
 smaller steps, so that the assembly mode reached is the one that the machine would reach.
 A row that meets a singularity on the way is reported, never returned.
 """
@@ -25,23 +25,23 @@ from ppmcal.kinematics.limb_sets import exact_sets, with_limbs
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 
 CONTRACTION = 0.25
-"""A second Newton step above this part of the first means: lead the joints in smaller steps."""
+"""If the second Newton step exceeds this part of the first, the joints are led in smaller steps."""
 SMALLEST_STEP = 1.0 / 512.0
 NEWTON_STEPS = 25
 STEP = 1e-11
+"""Converged: the last step, translations relative to the length scale, is below this."""
 FARTHEST = 10.0
-"""A step of so many reaches and more leads nowhere."""
-"""Converged: the last step, translations in parts of the length scale, is below this."""
+"""A step of this many reaches or more has diverged."""
 ON_THE_WAY = 1e-6
-"""The same on the way to a row of a machine with surplus limbs. There limbs contradict each other
-by as much as joints that move in proportion make them, and steps shrink by a constant factor."""
+"""The same on the way to a row of a machine with surplus limbs. Joints that move in proportion make
+limbs contradict each other there, and steps shrink by a constant factor."""
 CLOSED = 1e-12
-"""Closed: every misclosure below this part of the reach."""
+"""Closed: every misclosure is below this part of the reach."""
 STANDS_OUT, STANDS_OUT_ANEW = 3.3e-2, 1e-4
-"""Rows of surplus limbs whose squared gaps noise makes so large as rarely as this are looked at
-again: on the way from home, and where a fit moves on from poses that were."""
+"""Rows of surplus limbs with squared gaps that noise exceeds this rarely are solved again: on the
+way from home, and when a fit continues from poses that were."""
 SAME = 6
-"""Minima that agree to so many digits are one."""
+"""Minima that agree to this many digits are the same."""
 ROUND_OFF = 1e-10
 
 
@@ -50,10 +50,10 @@ class Forward:
     """Poses for N rows of joint values.
 
     Attributes:
-        pose: motors (N, 8), nan where there is none.
+        pose: motors (N, 8), nan without one.
         converged: (N,).
-        progress: how far of the way from the start each row got, 1 where converged (N,).
-        reason: why a row has no pose, where more is known than that; (N,) or empty.
+        progress: part of the way from the start that each row got, 1 if converged (N,).
+        reason: why a row has no pose, if more is known than that; (N,) or empty.
     """
 
     pose: Array
@@ -71,8 +71,8 @@ def forward(model: Model, q: Array, start: Array | None = None, start_q: Array |
         q: joint values, SI.
         start: motors (N, 8) or (8,) to start from, default home.
         start_q: joint values at ``start``, default home's; needed for leading the joints.
-        of: of a machine with surplus limbs, or a part of it: how many rows the question has in
-            all, by which it is compiled or not.
+        of: for a machine with surplus limbs, or a part of it: total number of rows, which
+            decides whether it is compiled.
     """
     q = np.atleast_2d(np.asarray(q, dtype=float))
     of = max(of, len(q)) if of or model.mechanism.surplus else 0
@@ -82,9 +82,9 @@ def forward(model: Model, q: Array, start: Array | None = None, start_q: Array |
     origin = np.array(np.broadcast_to(home.q if start_q is None else start_q, q.shape))
     usable = finite_rows(q) & finite_rows(pose)
     if model.mechanism.surplus and usable.any():
-        # surplus limbs contradict each other at the start: the way begins where they do least
+        # surplus limbs contradict each other at the start: the way begins at their best pose
         some = np.flatnonzero(usable)
-        # from home, without a shift, it is one for all
+        # from home, without a shift, it is the same for all rows
         alike = start is None and start_q is None and model.take(some[:1]) is model
         one = some[:1] if alike else some
         closest, found, _ = newton(model.take(one).closure(origin[one]), pose[one], of=of)
@@ -113,19 +113,19 @@ def forward(model: Model, q: Array, start: Array | None = None, start_q: Array |
 
 @dataclass(frozen=True, eq=False)
 class Minima:
-    """Where rows that stood out were led to, by their joint values: poses (m, 8) of each.
+    """Poses (m, 8) to which rows that stood out were led, by their joint values.
 
-    A fit that moves on finds them near there, which takes a hundredth of leading them from home.
+    A fit that continues finds them nearby, at a hundredth of the cost of leading them from home.
     """
 
     known: dict[bytes, Array] = field(default_factory=dict)
 
     def of(self, q: Array) -> Array | None:
-        """Return what is known of a row of joint values (k,), None where it was not led yet."""
+        """Return the known poses of a row of joint values (k,), None if it was not led yet."""
         return self.known.get(q.tobytes())
 
     def add(self, q: Array, rows: Ints, poses: Array) -> None:
-        """Keep poses (s, n, 8) of rows, each once; nan is none."""
+        """Add poses (s, n, 8) of rows, each once, without nan."""
         for n, own in zip(rows, np.swapaxes(poses, 0, 1), strict=True):
             _, first = np.unique(np.round(own, SAME), axis=0, return_index=True)
             self.known[q[n].tobytes()] = own[first[finite_rows(own[first])]]
@@ -134,15 +134,15 @@ class Minima:
 def least_of_minima(model: Model, q: Array, pose: Array, rare: float = STANDS_OUT_ANEW,
                     start: Array | None = None, start_q: Array | None = None,
                     unreached: Bools | None = None, minima: Minima | None = None) -> Array:
-    """Return poses (N, 8) of which far-off rows are where their limbs contradict each other least.
+    """Return poses (N, 8), with far-off rows at the pose of least contradiction of their limbs.
 
-    Least squares have minima besides, in which limbs that agree elsewhere are kept apart. As many
-    limbs as close the machine exactly lead from home to the right one, unless they meet a
-    singularity on the way: several sets of them are tried, for rows that stand out: those whose
-    gaps noise makes as rarely as ``rare``, and those without a pose. ``start`` (N, 8) and
-    ``start_q`` (N, k) are where the way begins, default home. ``unreached`` (N,): rows to which
-    :func:`forward` found no way, by the same sets from the same home. ``minima``: of a fit on its
-    way, to which is added.
+    Least squares have other minima, in which limbs that agree elsewhere are kept apart. A set of
+    limbs that closes the machine exactly leads from home to the right one, unless it meets a
+    singularity on the way: several such sets are tried, for rows that stand out: those with
+    gaps that noise exceeds as rarely as ``rare``, and those without a pose. ``start`` (N, 8) and
+    ``start_q`` (N, k): the beginning of the way, default home. ``unreached`` (N,): rows to which
+    :func:`forward` found no way, by the same sets from the same home. ``minima``: those known
+    during a fit, to which new ones are added.
     """
     return _least_of_minima(_Parts(model, q, len(q), start, start_q), pose, rare, unreached, minima)
 
@@ -169,7 +169,7 @@ def _least_of_minima(parts: _Parts, pose: Array, rare: float, unreached: Bools |
 def _tried(parts: _Parts, rows: Ints, minima: Minima | None) -> Iterator[tuple[Ints, Array, Bools]]:
     """Yield some of the rows, poses (n, 8) that are minima of theirs, and whether they are (n,).
 
-    From near where that is known of a row, else from home, which is added to what is known.
+    From known minima nearby, or else from home, which are then added to the known ones.
     """
     if minima is not None:
         known = {n: there for n in rows.tolist() if (there := minima.of(parts.q[n])) is not None}
@@ -191,10 +191,10 @@ def _tried(parts: _Parts, rows: Ints, minima: Minima | None) -> Iterator[tuple[I
 
 
 def _led_by_parts(parts: _Parts, rows: Ints) -> Array:
-    """Return poses (n, 8) of some rows of a machine with surplus limbs, nan where none is found.
+    """Return poses (n, 8) of some rows of a machine with surplus limbs, nan if none is found.
 
-    All its joints on an even way contradict each other between the ends, by more than at either;
-    those of as many limbs as close it do not. From there it is near, for one set or another.
+    On a straight way all its joints contradict each other between the ends, more than at either;
+    those of a set that closes the machine exactly do not. Its end is near, for some set.
     """
     out = np.full((len(rows), 8), np.nan)
     left = np.arange(len(rows))
@@ -210,13 +210,13 @@ def _led_by_parts(parts: _Parts, rows: Ints) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Parts:
-    """Rows of a surplus machine, to which some of its limbs lead that close it exactly.
+    """Rows of a surplus machine, to which sets of its limbs lead that close it exactly.
 
     Attributes:
         model, q: the machine and joint values (N, k).
-        of: as in :func:`forward`.
-        start, start_q: where the way begins, default home.
-        known: by set of limbs what :func:`newton` did from there, of rows that were asked for (N,).
+        of: see :func:`forward`.
+        start, start_q: beginning of the way, default home.
+        known: by set of limbs, results of :func:`newton` for rows requested so far (N,).
     """
 
     model: Model
@@ -243,12 +243,12 @@ class _Parts:
 
 def _by_part(model: Model, some: tuple[int, ...], q: Array, of: int, start: Array | None = None,
              start_q: Array | None = None) -> tuple[Array, Bools, Array]:
-    """Return what :func:`newton` does from where some limbs lead that close the machine exactly."""
+    """Return the result of :func:`newton` from where a set of limbs leads that closes exactly."""
     part, driven = with_limbs(model, some)
     led = forward(part, q[:, driven], start, None if start_q is None else start_q[:, driven],
                   worth(model.mechanism, of)).pose
     found, converged, contraction = newton(model.closure(q), led, of=of)
-    # a way round by a whole turn comes back with the other sign of the same motor
+    # a way with a full turn returns the same motor with the other sign
     near = model.mechanism.home if start is None else start
     found *= np.where(np.sum(found[:, :4] * near[..., :4], axis=1) < 0.0, -1.0, 1.0)[:, None]
     return found, converged, contraction
@@ -256,7 +256,7 @@ def _by_part(model: Model, some: tuple[int, ...], q: Array, of: int, start: Arra
 
 @lru_cache(maxsize=64)
 def _times_the_median(surplus: int, rare: float) -> float:
-    """Return how many times its median chi-squared of so many numbers exceeds that rarely."""
+    """Return the ratio of chi-squared exceeded as rarely as ``rare`` to its median."""
     from scipy.special import chdtri
 
     return float(chdtri(surplus, rare) / chdtri(surplus, 0.5))
@@ -274,7 +274,7 @@ def _gap_square(model: Model, q: Array, pose: Array, of: int) -> Array:
 
 def _attempt(model: Model, q: Array, pose: Array, of: int, smallest: float = STEP
              ) -> tuple[Array, Bools]:
-    """Newton at ``q`` from ``pose``; good rows converged, contracting, on the same side."""
+    """Newton at ``q`` from ``pose``; good rows have converged, contracted, and kept their side."""
     closure = model.closure(q)
     tables = compiled_limbs(closure, max(of, len(pose)))
     if tables is not None:
@@ -308,7 +308,7 @@ def _lead(model: Model, origin: Array, q: Array, pose: Array, of: int) -> tuple[
     at, step = np.zeros(n), np.full(n, 0.5)
     pose = pose.copy()
     active = np.ones(n, dtype=bool)
-    # tables of both ends: between them joint coordinates move as the joints do
+    # tables of both ends: between them joint coordinates move like the joints
     ends = [compiled_limbs(model.closure(own), max(of, n)) for own in (origin, q)] if of else []
     whole = [t for t in ends if t is not None]
     first, way = (_each(whole[0].u, n), _each(whole[1].u, n) - _each(whole[0].u, n)) if whole else (
@@ -339,9 +339,9 @@ def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS, most: 
            smallest: float = STEP) -> tuple[Array, Bools, Array]:
     """Solve the closure for the motors, batched.
 
-    Rows that contract by less than ``most`` in their second step are given up then. ``begin``:
-    misclosure, lines and pose matrix at ``pose``, where they are known. ``of``: as in
-    :func:`forward`. ``smallest``: converged is what moves by less.
+    Rows whose second step is above ``most`` of the first are abandoned. ``begin``:
+    misclosure, lines and pose matrix at ``pose``, if known. ``of``: see :func:`forward`.
+    ``smallest``: converged if the step is below this.
 
     Returns:
         motors (N, 8), converged (N,), and the ratio of the second step's length to the
@@ -372,7 +372,7 @@ def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS, most: 
             finite = np.isfinite(size) & (size < FARTHEST * reach / scale) & ~slow
             step[~finite] = 0.0
             pose = moved(pose, step)
-            # what surplus equations leave is least there, not 0
+            # with surplus equations the closure error is least there, not 0
             closed = (np.max(np.abs(c), axis=1) < CLOSED * reach) | (mechanism.surplus > 0)
             converged = finite & (size < smallest) & closed
             if (converged | ~finite).all():
@@ -382,7 +382,7 @@ def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS, most: 
 
 
 def _contraction(sizes: Array) -> Array:
-    """Return the second step's length over the first's (N,), of both (N, 2)."""
+    """Return the second step's length over the first's (N,), from both (N, 2)."""
     first, second = sizes.T
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.where(first > 1e-6, second / first, 0.0)
@@ -399,7 +399,7 @@ def smallest_singular_value(closure: Closure, pose: Array) -> tuple[Array, Array
     """Return the smallest singular value of A (N,) and the sign of its determinant (N,).
 
     Rotation columns are divided by the machine's length scale
-    (:attr:`Mechanism.length_scale`), so the value is a pure number: how far the stiffest
+    (:attr:`Mechanism.length_scale`), so the value is dimensionless: how far the stiffest
     leg line moves for the softest unit motion. 0 means singular.
     """
     matrix = closure.pose_matrix(pose).copy()

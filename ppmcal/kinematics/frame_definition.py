@@ -1,7 +1,7 @@
-"""A base frame that is defined by what was measured: by points of the base, or by the first pose.
+"""A base frame defined by measurements: by points of the base, or by the first pose.
 
-Such a frame is given, not fitted, and is as uncertain as what defines it: with F the motor of the
-base in the measuring frame, F exp(e) is what noise makes of it, and e, a twist about the base's
+Such a frame is given, not fitted, and has the uncertainty of its definition: with F the motor of
+the base in the measuring frame, noise makes it F exp(e), where e, a twist about the base's
 origin in base axes, has a covariance (6, 6), displacement first.
 """
 
@@ -18,15 +18,15 @@ from ppmcal.model.limbs.chain import cross_matrix
 from ppmcal.model.registration import Registration
 
 STEP = 1e-3
-"""Part of a standard deviation by which what was measured is moved for a derivative."""
+"""Part of a standard deviation by which measurements are moved for a derivative."""
 
 
 def frame_by_points(points: Array) -> Array:
-    """Return the motor (8,) of the base in the frame in which three points of it are seen.
+    """Return the motor (8,) of the base in the frame in which three of its points were measured.
 
     Args:
-        points: the origin, one on the x axis, one of the x-y plane where y is positive (3, 3), m;
-            in the plane of a planar machine (2, 3), without the last.
+        points: the origin, one on the x axis, one in the x-y plane with positive y (3, 3), m;
+            for a planar machine (2, 3), without the last.
     """
     origin, ahead = points[:2]
     x = (ahead - origin) / np.linalg.norm(ahead - origin)
@@ -38,7 +38,7 @@ def frame_by_points(points: Array) -> Array:
 
 
 def frame_by_pose(seen: Array, pose: Array, registration: Registration) -> Array:
-    """Return the motor (8,) of the base in a frame in which a pose of the platform is seen.
+    """Return the motor (8,) of the base in a frame in which a pose of the platform was measured.
 
     Args:
         seen: as measured (6,), m and rad.
@@ -50,12 +50,12 @@ def frame_by_pose(seen: Array, pose: Array, registration: Registration) -> Array
 
 
 def frame_covariance(frame: Callable[[Array], Array], values: Array, covariance: Array) -> Array:
-    """Return the covariance (6, 6) of a frame by that of the values (n,) that make it.
+    """Return the covariance (6, 6) of a frame from that of the values (n,) that define it.
 
     Args:
-        frame: its motor (8,) by the values.
-        values: as they were measured.
-        covariance: of them (n, n).
+        frame: gives its motor (8,) from the values.
+        values: as measured.
+        covariance: of the values (n, n).
     """
     back, size = cga.reverse(frame(values)), np.sqrt(np.diagonal(covariance))
     jacobian = np.zeros((6, len(values)))
@@ -67,9 +67,9 @@ def frame_covariance(frame: Callable[[Array], Array], values: Array, covariance:
 
 
 def seen_variance(covariance: Array, points: Array) -> Array:
-    """Return the variance (N, 6) that a frame's (6, 6) makes of poses, m^2 and rad^2, base axes.
+    """Return the variance (N, 6) of poses due to a frame's (6, 6), m^2 and rad^2, base axes.
 
-    ``points``: where the poses are (N, 3), base frame; x, y, z, then rotations.
+    ``points``: positions of the poses (N, 3), base frame; x, y, z, then rotations.
     """
     lever = np.zeros((len(points), 6, 6))
     lever[:, :3, :3] = lever[:, 3:, 3:] = np.eye(3)

@@ -1,4 +1,4 @@
-"""What instruments show that is no coordinate of a pose: tilts against gravity, a limb's joints."""
+"""Instrument readings that are no pose coordinates: tilts against gravity, a limb's joints."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ppmcal.model.registration import Registration
 
 
 def levelled(mechanism: Mechanism) -> Array:
-    """Return the rotation (3, 3) from base axes, as the file has weight in them, to z up."""
+    """Return the rotation (3, 3) from base axes, with the file's direction of gravity, to z up."""
     if mechanism.motion.planar:
         return np.eye(3)
     return tilt_to_up(-mechanism.gravity / np.linalg.norm(mechanism.gravity))
@@ -23,11 +23,11 @@ def levelled(mechanism: Mechanism) -> Array:
 
 def sensor_turn(mechanism: Mechanism, registration: Registration, pose: Array
                 ) -> tuple[Array, Array]:
-    """Return how a sensor for angles lies in a frame whose z is up, at platform motors (n, 8).
+    """Return the orientation of an angle sensor in a frame with z up, at platform motors (n, 8).
 
     Returns:
-        Rotation matrices (n, 3, 3) of platform and of sensor. The sensor's axes are the platform's,
-        turned by its mounting and then so that it is level where the machine is at zero.
+        Rotation matrices (n, 3, 3) of platform and sensor. The sensor's axes are the platform's,
+        rotated by its mounting and then so that it is level where the machine is at zero.
     """
     up = levelled(mechanism)
     platform = cga.rotation_matrix(registration.frame) @ up @ cga.rotation_matrix(pose)
@@ -38,14 +38,14 @@ def sensor_turn(mechanism: Mechanism, registration: Registration, pose: Array
 
 def own_readings(kind: InstrumentKind, registration: Registration, model: Model, q: Array,
                  pose: Array) -> Array:
-    """Return what a kind shows that is not :attr:`InstrumentKind.of_poses` (n, k), SI.
+    """Return the readings of a kind that is not :attr:`InstrumentKind.of_poses` (n, k), SI.
 
     Args:
         kind: of the instrument.
         registration: where it stands.
         model: the machine.
         q: joint values (n, k).
-        pose: platform motors (n, 8); of a joint's encoder closed ones.
+        pose: platform motors (n, 8); closed ones for an encoder at a joint.
     """
     if kind.of_turn is not None:
         return kind.of_turn(sensor_turn(model.mechanism, registration, pose)[1],

@@ -1,4 +1,4 @@
-"""Inverse kinematics: joint values of a pose, which of the limbs' roots they are, what is refused.
+"""Inverse kinematics: joint values of a pose, the limbs' roots that give them, and refusals.
 
 The roots themselves, in closed form for every limb kind, are in :mod:`limb_roots`.
 """
@@ -19,12 +19,12 @@ from ppmcal.model.mechanism import Limb, Mechanism
 from ppmcal.model.scaled_points import other_radii
 
 SURFACE_TOLERANCE = 1e-6
-"""A full pose may miss the machine's surface by this part of its reach."""
+"""A full pose may be off the machine's surface by this part of its reach."""
 
 
 @dataclass(frozen=True)
 class HomeState:
-    """What home selects: joint values (k,) and, per limb, which of two roots (L,), +-1.
+    """Selection by home: joint values (k,) and, per limb, one of two roots (L,), +-1.
 
     1 for a passive limb.
     """
@@ -38,9 +38,9 @@ class Inverse:
     """Joint values for N poses.
 
     Attributes:
-        q: (N, k), nan where there is none.
+        q: (N, k), nan where there are none.
         pose: the full platform motors (N, 8), open coordinates solved for.
-        reason: why a row has no values, empty where it has.
+        reason: why a row has no values, empty if it has.
     """
 
     q: Array
@@ -55,10 +55,10 @@ class Inverse:
 
 @dataclass(frozen=True)
 class HomeAttempt:
-    """What home selects, as far as each limb reaches.
+    """Selection by home, as far as each limb reaches.
 
-    ``q`` (k,) and ``roots`` (L,) as in :class:`HomeState`; ``missing`` (L,): the length that a
-    limb misses, m, 0 where it closes, nan where its joint cannot stand.
+    ``q`` (k,) and ``roots`` (L,) as in :class:`HomeState`; ``missing`` (L,): the length by which a
+    limb falls short, m, 0 if it closes, nan if its joint has no solution.
     """
 
     q: Array
@@ -73,7 +73,7 @@ class HomeAttempt:
 
 @lru_cache(maxsize=256)
 def home_attempt(mechanism: Mechanism) -> HomeAttempt:
-    """Return the joint values at home and each limb's root, the nearest where it has none."""
+    """Return the joint values at home and each limb's root, the closest value where it has none."""
     model = Model(mechanism)
     pose = mechanism.home[None]
     q = np.full(len(mechanism.actuators), np.nan)
@@ -100,7 +100,7 @@ def home_attempt(mechanism: Mechanism) -> HomeAttempt:
 
 @lru_cache(maxsize=256)
 def home_state(mechanism: Mechanism) -> HomeState:
-    """Return the joint values at home and the root that each limb uses from there on.
+    """Return the joint values at home and the root that each limb keeps from there on.
 
     Raises:
         BadInput: a limb cannot reach the home pose; names it and the missing length.
@@ -117,7 +117,7 @@ def home_state(mechanism: Mechanism) -> HomeState:
 
 
 def _how_far(mechanism: Mechanism, limb: Limb, missing: float, about: str = "") -> str:
-    """Return by how much a limb misses; ``missing``, m, is nan where its joint cannot stand."""
+    """Return by how much a limb misses; ``missing``, m, is nan if its joint has no solution."""
     if np.isnan(missing):
         return limb.kind.cannot_turn
     factor, unit = mechanism.units.factor("length"), mechanism.units.length
@@ -125,7 +125,7 @@ def _how_far(mechanism: Mechanism, limb: Limb, missing: float, about: str = "") 
 
 
 def _radius_hint(mechanism: Mechanism) -> str:
-    """Return that a diameter stands for a radius, where home could be reached otherwise."""
+    """Return the hint that a diameter was given for a radius, if home could then be reached."""
     for machine, _, words in other_radii(mechanism):
         model = Model(machine)
         if all(np.isfinite(limb_roots(model, i, machine.home[None])[0]).all()
@@ -136,7 +136,7 @@ def _radius_hint(mechanism: Mechanism) -> str:
 
 
 def _choose(mechanism: Mechanism, index: int, candidates: Array) -> int:
-    """Return 0 or 1: nearest to home.q if given, else the branch setting, else the larger u."""
+    """Return 0 or 1: closest to home.q if given, else the branch setting, else the larger u."""
     limb = mechanism.limbs[index]
     given = mechanism.home_q[limb.actuator]
     ratio = limb.slots.values(mechanism.values).get("ratio", 1.0)
@@ -157,7 +157,7 @@ def to_joint(model: Model, index: int, u: Array) -> Array:
 
 
 def wrapped(mechanism: Mechanism, actuator: int, q: Array, near: float) -> Array:
-    """Move revolute joint values by whole turns next to ``near`` (0 if unknown)."""
+    """Move revolute joint values by whole turns close to ``near`` (0 if unknown)."""
     if mechanism.actuator_quantity[actuator] != "angle":
         return q
     turn = 2.0 * np.pi / abs(_ratio(mechanism, actuator))
@@ -178,7 +178,7 @@ def inverse(model: Model, pose: Array) -> Inverse:
         pose: platform-to-base motors (N, 8).
 
     A machine with fewer actuators than pose coordinates has poses off its surface: they
-    are refused where they miss it by more than :data:`SURFACE_TOLERANCE` of the reach.
+    are refused if off by more than :data:`SURFACE_TOLERANCE` of the reach.
     """
     mechanism = model.mechanism
     pose = np.atleast_2d(pose)

@@ -1,4 +1,4 @@
-"""What encoders at the joints of closed limbs read, and how that moves with all that moves it."""
+"""Readings of encoders at the joints of closed limbs, and their derivatives."""
 
 from __future__ import annotations
 
@@ -52,21 +52,21 @@ class JointReading:
 
     @property
     def value(self) -> Array:
-        """What it reads without an offset (N,), rad or m."""
+        """Reading without an offset (N,), rad or m."""
         return self._read[0]
 
     @cached_property
     def by_pose(self) -> Array:
-        """How that moves with the platform's displacement and rotation (N, 6), base axes."""
+        """Derivative by the platform's displacement and rotation (N, 6), base axes."""
         line = self._read[1]
         direction, moment = line[:, :3], line[:, 3:]
         return np.concatenate([direction, moment - np.cross(cga.translation(self.pose), direction)],
                               axis=-1)
 
     def _chains(self) -> tuple[Chain, Values]:
-        """Return the base's chain as far as the joint, and values for it.
+        """Return the base's chain up to the joint, and values for it.
 
-        Of a universal joint that is before it turns, from where its first axis' angle counts.
+        For a universal joint up to its state before it turns, where its first axis' angle is 0.
         """
         base, values = self._kind.base, self._values
         if self._joint.read is None or offset_slot(base) is None:
@@ -91,7 +91,7 @@ class JointReading:
         return {**self._values, **self._kind.turn(self._values, self.pose)}
 
     def by_slots(self, slots: Sequence[str]) -> Array:
-        """Return how it moves with slots of its limb (N, S) while the platform stands still.
+        """Return the derivative by slots of its limb (N, S) with the platform at rest.
 
         ``offset`` and ``ratio`` count as the drive's u.
         """
@@ -107,7 +107,7 @@ class JointReading:
         return np.asarray(slot_columns(own, self._read[1][:, None], self.pose, names)[:, 0])
 
     def by_parameters(self, columns: Sequence[int], names: Sequence[str]) -> Array:
-        """Return the same by parameters (N, P) that feed these slots of the limb."""
+        """Return the derivative by parameters (N, P) that feed these slots of the limb."""
         model, q = self.closure.model, self.closure.q
         limb = model.mechanism.limbs[self.limb]
         raw = np.array(self.by_slots(names))
@@ -117,7 +117,7 @@ class JointReading:
 
     @cached_property
     def by_joint(self) -> Array:
-        """How it moves with joint values (N, k) while the platform stands still, per unit of q."""
+        """Derivative by joint values (N, k) with the platform at rest, per unit of q."""
         limb = self.closure.model.mechanism.limbs[self.limb]
         out = np.zeros_like(self.closure.q)
         out[:, limb.actuator] = self.by_slots((U,))[:, 0] * self._values.get("ratio", 1.0)

@@ -1,22 +1,22 @@
 """Closure by least squares: more closure equations than the platform has freedoms.
 
-Joints say q with errors e, so that c(M, q + e, g) = 0: the pose of a row minimises c' S^-1 c, where
+Joints read q with errors e, so that c(M, q + e, g) = 0: the pose of a row minimises c' S^-1 c, with
 
     S = Ju Su Ju' + Sc,
 
-up to a factor that no pose depends on: Su of the joints' noise, alike for all, and Sc of what limbs
-may gap (``closure`` of the file), 0 where it says nothing. One symmetric system
-says all that follows from it,
+up to a factor that does not affect the pose: Su is the joints' noise, equal for all, and Sc that of
+closure gaps (``closure`` of the file), 0 if not given. One symmetric system
+contains everything that follows,
 
     | S  A | | f |   | c |
     | A' 0 | | x | = | w |,
 
 for gaps c the twist x that closes them best, for a wrench w the forces f in the limbs. An equation
-without a drive has a 0 in S and holds exactly. With as many equations as freedoms f is A'^-1 w and
-x is A^-1 c whatever S is: that is how they are then computed.
+without a drive has a 0 in S and holds exactly. With as many equations as freedoms, f is A'^-1 w and
+x is A^-1 c for any S, and they are then computed that way.
 
-What the surplus equations tell is what no pose explains: N' c, with N an orthonormal basis of the
-forces that the limbs hold among themselves (A' N = 0). It does not depend on the error of the pose.
+The information in the surplus equations is what no pose explains: N' c, with N an orthonormal basis
+of the forces that the limbs hold among themselves (A' N = 0). It is independent of the pose error.
 """
 
 from __future__ import annotations
@@ -33,29 +33,29 @@ from ppmcal.linalg import Array, solve_blocks, solve_rows
 from ppmcal.model.mechanism import Mechanism
 
 EXACT = 1e-10
-"""Variance of an equation that holds exactly, in parts of the others': two may say the same."""
+"""Relative variance of an equation that holds exactly, since two such may be redundant."""
 SMALL = 1e-2
-"""Where limbs gap, steps below this part of the length scale take the closure's curvature, if that
+"""If limbs gap, steps below this part of the length scale use the closure's curvature, if that
 leads down."""
 ALIGNED = 1e-3
-"""Forces that turn by more than arccos of this from those at home have a basis of their own."""
+"""Forces at more than arccos of this from those at home get a basis of their own."""
 
 
 def closed_by(closure: Closure, pose: Array, a: Array, gaps: Array, lines: Array | None = None,
               give: Array | None = None) -> Array:
-    """Return the twists that close gaps best, A^-1 gaps where equations are as many as freedoms.
+    """Return the twists that close gaps best, A^-1 gaps with as many equations as freedoms.
 
     Args:
         closure: of N rows.
         pose: motors (N, 8).
         a: pose matrix (N, m, d).
         gaps: changes of the closure equations (N, m, r).
-        lines: of the legs (N, m, 6), where they are known already.
-        give: what the equations move by per unit of what gives way, springs or noise of size one
+        lines: of the legs (N, m, 6), if already known.
+        give: motion of the equations per unit of what gives way, springs or unit noise
             (N, m, s); default the drives and the gaps.
 
     Returns:
-        (N, d, r), nan in rows where A has not full rank.
+        (N, d, r), nan in rows where A does not have full rank.
     """
     if not closure.model.mechanism.surplus:
         return solve_blocks(a, gaps)
@@ -90,7 +90,7 @@ def _system(closure: Closure, pose: Array, a: Array, lines: Array | None, give: 
 
 
 def with_gaps(by_joint: Array, gaps: Array) -> Array:
-    """Return what equations move by with the joints' noise (n, m, k), and by limbs' gaps (m,)."""
+    """Return the motion of equations by the joints' noise (n, m, k), and by limbs' gaps (m,)."""
     if not gaps.any():
         return by_joint
     own = np.broadcast_to(np.diag(gaps)[:, gaps > 0.0], (len(by_joint), len(gaps),
@@ -99,14 +99,14 @@ def with_gaps(by_joint: Array, gaps: Array) -> Array:
 
 
 def symmetric_system(give: Array, a: Array, exact: float = 0.0) -> tuple[Array, Array]:
-    """Return the matrices (N, m + d, m + d) of this module's head, and the size of S (N, 1, 1).
+    """Return the matrices (N, m + d, m + d) from the module's head, and the size of S (N, 1, 1).
 
-    S is in parts of that size: no pose depends on it, and systems of size one are well scaled.
+    S is relative to that size, which does not affect the pose, to keep systems well scaled.
 
     Args:
-        give: what the equations move by (N, m, s), as in :func:`closed_by`.
+        give: motion of the equations (N, m, s), as in :func:`closed_by`.
         a: pose matrix (N, m, d).
-        exact: added to the variance of each equation, in parts of the size.
+        exact: added to the variance of each equation, relative to the size.
     """
     m, d = a.shape[-2:]
     variance = give @ np.swapaxes(give, -1, -2)
@@ -121,8 +121,8 @@ def symmetric_system(give: Array, a: Array, exact: float = 0.0) -> tuple[Array, 
 def newton_step(closure: Closure, pose: Array, c: Array, a: Array, lines: Array) -> Array:
     """Return the Newton step (N, d) from a pose to the one that closes best.
 
-    With equations as many as freedoms -A^-1 c. Else with the curvature of the closure: a gap that
-    is not small against the machine, as before any calibration, bends the way there.
+    With as many equations as freedoms -A^-1 c. Otherwise with the curvature of the closure: gaps
+    that are not small against the machine, as before any calibration, bend the way there.
 
     Args:
         closure: of N rows.
@@ -141,23 +141,23 @@ def newton_step(closure: Closure, pose: Array, c: Array, a: Array, lines: Array)
     step = -solve_rows(system, right)[:, m:]
     system[:, m:, m:] -= curvature(closure, pose, forces)
     bent = -solve_rows(system, right)[:, m:]
-    # far off the curvature may lead uphill: then the step without it
+    # far off, the curvature may lead uphill: then take the step without it
     gradient = (np.swapaxes(a, -1, -2) @ forces[..., None])[..., 0]
     with np.errstate(invalid="ignore"):
         down = np.sum(bent * gradient, axis=1) <= 0.0
         near = np.linalg.norm(bent - step, axis=1) <= np.linalg.norm(step, axis=1)
         if mechanism.gap_sigma.any():
-            # unlike weights may leave a way that hardly anything holds but the curvature
+            # unequal weights may leave a direction that hardly anything but the curvature holds
             size = [1.0 if i < 3 else mechanism.length_scale for i in mechanism.dof]
             near |= np.linalg.norm(bent * size, axis=1) < SMALL * mechanism.length_scale
     return np.where((down & near)[:, None], bent, step)
 
 
 def curvature(closure: Closure, pose: Array, forces: Array) -> Array:
-    """Return what forces (N, m) make of the second derivative of c by the pose (N, d, d).
+    """Return the second derivative of c by the pose, summed over forces (N, m) (N, d, d).
 
     c = s F . X, and a twist moves X by B x X: by twists a and b twice -s (a x F) . (b x X), about
-    the platform's origin, with its like.
+    the platform's origin, symmetrised.
     """
     here = closure.at(pose)
     to_origin = cga.translator(-cga.translation(np.atleast_2d(pose)))[:, None]
@@ -173,10 +173,10 @@ def curvature(closure: Closure, pose: Array, forces: Array) -> Array:
 
 
 def surplus(mechanism: Mechanism, a: Array) -> Array:
-    """Return N (n, m, m - d) of pose matrices (n, m, d): what no pose explains is N' c.
+    """Return N (n, m, m - d) of pose matrices (n, m, d): no pose explains N' c.
 
-    It turns as little as may be from the one at home, so that it is the same combination of limbs
-    from row to row.
+    It turns as little as possible from the one at home, so that it is the same combination of
+    limbs from row to row.
     """
     a = np.where(np.isfinite(a), a, 0.0)
     q = linalg.column_basis(a)
@@ -191,7 +191,7 @@ def surplus(mechanism: Mechanism, a: Array) -> Array:
 
 
 def unexplained(closure: Closure, pose: Array) -> Array:
-    """Return N' c (n, m - d) at platform motors (n, 8), m: what no pose explains."""
+    """Return N' c (n, m - d) at platform motors (n, 8), m, which no pose explains."""
     c, lines = closure.misclosure_and_lines(pose)
     own = surplus(closure.model.mechanism, closure.pose_matrix(pose, lines))
     return np.asarray((np.swapaxes(own, -1, -2) @ c[..., None])[..., 0])
@@ -199,7 +199,7 @@ def unexplained(closure: Closure, pose: Array) -> Array:
 
 @lru_cache(maxsize=64)
 def _surplus_at_home(mechanism: Mechanism) -> Array:
-    """Return N (m, m - d) at home: the first equations' parts that no pose explains."""
+    """Return N (m, m - d) at home: the parts of the first equations that no pose explains."""
     model = Model(mechanism.nominal())
     a = model.closure(home_state(model.mechanism).q).pose_matrix(mechanism.home[None])[0]
     q = linalg.column_basis(a)

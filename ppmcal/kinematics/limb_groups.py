@@ -1,7 +1,7 @@
-"""Limbs of one kind together: one evaluation with a limb axis in place of one for each limb.
+"""Limbs of one kind evaluated together, along a limb axis, and not one by one.
 
-Six legs of a kind cost the calls of one. Limbs go together that are of the same kind, have the same
-directions given, and turn (:mod:`ppmcal.model.limbs.axis_offset`, :mod:`~.pulley`) or do not.
+Six legs of a kind then cost the calls of one. Limbs are grouped if they are of the same kind, have
+the same given directions, and turn (:mod:`ppmcal.model.limbs.axis_offset`, :mod:`~.pulley`) or not.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ppmcal.model.limbs.kind import LimbKind, Still
 from ppmcal.model.mechanism import Limb, Mechanism
 
 DEFAULTS = {"ratio": 1.0}
-"""What a slot is that some limbs of a group have and others do not; of all others 0."""
+"""Value of a slot that only some limbs of a group have; of all other slots 0."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,12 +32,12 @@ class LimbGroup:
         kind: of all of them.
         limbs: their indices in the mechanism (L,).
         rows: the closure equations of each (L, k).
-        actuators: of each (L,); of passive ones none (0,).
-        values: slots (1 or N, L) and directions (1, L, 3), SI, with ``u`` where they are driven.
-        wanted: slots whose twists are there, ``u`` among them.
-        turning: whether the surface depends on the pose besides.
-        pose: motors (N, 8) at which the offset joints stand, None where their axes meet.
-        still: what pulleys have in common with other poses, where that is known.
+        actuators: of each (L,); empty for passive ones (0,).
+        values: slots (1 or N, L) and directions (1, L, 3), SI, with ``u`` if they are driven.
+        wanted: slots whose twists are available, ``u`` among them.
+        turning: whether the surface also depends on the pose.
+        pose: motors (N, 8) at which offset joints are solved, None if their axes meet.
+        still: the pose-independent part of pulleys, if known.
     """
 
     kind: LimbKind
@@ -61,13 +61,13 @@ class LimbGroup:
         return self.kind.still(self.values, self.wanted) if self.kind.pulley else None
 
     def at(self, pose: Array) -> LimbGroup:
-        """Return the group with its offset joints turned as at motors (N, 8)."""
+        """Return the group with its offset joints rotated as at motors (N, 8)."""
         if not self.turning:
             return self
         return replace(self, turning=False, pose=pose, still=self._still)
 
     def of_rows(self, whole: Array) -> Array:
-        """Return the part (n, L, k, ...) of something that is (n, d, ...)."""
+        """Return the group's part (n, L, k, ...) of an array (n, d, ...)."""
         if self.contiguous is not None:
             part = whole[:, self.contiguous]
             return part.reshape(part.shape[0], *self.rows.shape, *part.shape[2:])
@@ -75,7 +75,7 @@ class LimbGroup:
 
     @cached_property
     def contiguous(self) -> slice | None:
-        """The rows as a slice, None where other limbs are between."""
+        """The rows as a slice, None if other limbs are in between."""
         flat = self.rows.ravel()
         whole = flat.size and np.array_equal(flat, np.arange(flat[0], flat[0] + flat.size))
         return slice(int(flat[0]), int(flat[-1]) + 1) if whole else None
@@ -94,13 +94,13 @@ class LimbGroup:
 
 def groups_of(mechanism: Mechanism, limb_values: Sequence[Mapping[str, Any]], q: Array,
               wanted: Sequence[Collection[str]]) -> tuple[LimbGroup, ...]:
-    """Return all limbs, those of one kind together.
+    """Return all limbs, grouped by kind.
 
     Args:
         mechanism: the machine.
         limb_values: slots and directions of each limb; slots may be (N,).
         q: joint values (N, k).
-        wanted: slots of each limb whose twists will be asked for, without ``u``.
+        wanted: slots of each limb whose twists will be needed, without ``u``.
     """
     first = np.cumsum([0, *(limb.kind.surface.equations for limb in mechanism.limbs)])
     together: dict[tuple[Any, ...], list[int]] = {}
@@ -124,7 +124,7 @@ def groups_of(mechanism: Mechanism, limb_values: Sequence[Mapping[str, Any]], q:
 
 def _evaluated(kind: LimbKind, values: Mapping[str, Any], wanted: Collection[str],
                pose: Array | None, still: Still | None, count: int) -> ClosureSurface:
-    """Return the surfaces of ``count`` limbs, each array with a place for every one."""
+    """Return the surfaces of ``count`` limbs, each array with an entry for every limb."""
     found = kind.evaluate(values, wanted, pose, still)
 
     def each(part: Array) -> Array:
@@ -163,7 +163,7 @@ def slot_columns(body: ClosureSurface, lines: Array, pose: Array, slots: Sequenc
             if mine:
                 picked = [group.names.index(names[i]) for i in mine]
                 part = sign * group.pairing(wrench, picked)
-                # a pulley's radius moves the rope's exit, and what is on the pulley
+                # a pulley's radius moves the rope's exit, and the part of the rope on the pulley
                 out[..., mine] = part if filled.isdisjoint(mine) else out[..., mine] + part
                 filled.update(mine)
 

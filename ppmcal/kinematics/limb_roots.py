@@ -1,12 +1,12 @@
-"""Both roots of one limb's inverse kinematics, in closed form whatever the kind.
+"""Both roots of one limb's inverse kinematics, in closed form for every kind.
 
 With the pose fixed, a limb's closure equation is a polynomial of degree two in a prismatic joint
 (theory: distance^2 = -2 A.B, [IK] eq. 28 and 42), or a + b cos u + c sin u in a revolute
-one. Three evaluations of the KGB give its coefficients exactly, whatever the kind, so the
+one. Three evaluations of the KGB give its coefficients exactly, for every kind, so that
 limbs need no inverse of their own; one Newton step removes the interpolation's round-off.
-A universal joint whose axes do not meet turns with u: it is held, solved and turned again.
+A universal joint whose axes do not meet rotates with u: it is held, solved and updated again.
 
-Few poses are solved for all limbs of a kind at once, as if they were so many more poses of one.
+If there are few poses, all limbs of a kind are solved at once, as if they were more poses of one.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from ppmcal.model.limbs.chain import U
 from ppmcal.model.limbs.kind import LimbKind
 
 FEW = 2000
-"""Poses whose joint coordinates are tried several at once."""
+"""Up to this many poses, several trial joint coordinates are evaluated at once."""
 MOST_TURNS = 60
-"""Steps in which the turn of an offset universal joint is found; mostly four or five."""
+"""Maximum iterations for the rotation of an offset universal joint; mostly four or five."""
 TURNED = 1e-11
-"""The turn is found when the joint moves by no more than this part of the reach, or rad."""
+"""It has converged when the joint moves by no more than this part of the reach, or rad."""
 
 
 @dataclass(frozen=True, eq=False)
 class _OneLimb:
-    """One limb of a kind at each of N poses, maybe another one at each.
+    """One limb of a kind at each of N poses, possibly a different limb at each.
 
     ``values``: its slots, a number or (N,), and ``directions`` (3,) or (N, 3), SI; ``pose``: motors
     (N, 8); ``reach``: of the machine, m.
@@ -67,7 +67,7 @@ class _OneLimb:
         return self.kind.is_turned(self.values)
 
     def taken(self, rows: Ints) -> _OneLimb:
-        """Return some of the rows, one maybe more often."""
+        """Return some of the rows, possibly repeated."""
         return replace(self, pose=self.pose[rows], values={
             name: value if np.ndim(value) == (name in self.directions) else value[rows]
             for name, value in self.values.items()})
@@ -76,15 +76,15 @@ class _OneLimb:
 def limb_roots(model: Model, index: int, pose: Array) -> tuple[Array, Array]:
     """Return both joint coordinates u of one driven limb, (N, 2), and by how much it misses (N,).
 
-    Column 0 is the smaller, column 1 the larger root of the pair; equal where the joint
-    enters linearly. nan where the limb cannot reach; the second result is then positive:
+    Column 0 is the smaller, column 1 the larger root of the pair; equal if the joint
+    enters linearly. nan if the limb cannot reach; then the second result is positive:
     the missing length (sphere or plane distance at the closest joint value), m.
     """
     return _solved(_OneLimb.of(model, (index,), pose))
 
 
 def all_roots(model: Model, pose: Array) -> dict[int, tuple[Array, Array]]:
-    """Return the roots of every driven limb, as :func:`limb_roots` those of one."""
+    """Return the roots of every driven limb, as :func:`limb_roots` for one."""
     together: dict[Any, list[int]] = {}
     for i in model.mechanism.driven:
         kind, values = model.mechanism.limbs[i].kind, model.limb_values[i]
@@ -114,9 +114,9 @@ def _solved(limb: _OneLimb) -> tuple[Array, Array]:
 
 
 def nearest_joint(model: Model, index: int, pose: Array) -> Array:
-    """Return the joint coordinate u at which one limb comes nearest to closing (N,).
+    """Return the joint coordinate u at which one limb comes closest to closing (N,).
 
-    Of use where it has no root: as far as the limb reaches.
+    For a limb without root: as far as it reaches.
     """
     limb = _OneLimb.of(model, (index,), pose)
     nearest = _root_pair(limb)[1]
@@ -126,9 +126,9 @@ def nearest_joint(model: Model, index: int, pose: Array) -> Array:
 
 
 def _root_pair(limb: _OneLimb, held: Mapping[str, Array] | None = None) -> tuple[Array, Array]:
-    """Return both roots u (N, 2) with a universal joint held at its turn, and the nearest u (N,).
+    """Return both roots u (N, 2) with a universal joint held at its angle, and the nearest u (N,).
 
-    ``held``: its turn, as :meth:`LimbKind.turn`; nothing where its axes meet.
+    ``held``: its rotation, see :meth:`LimbKind.turn`; nothing if its axes meet.
     """
     step = limb.reach if limb.slides else 1.0
     samples = step * np.array([1.0, 2.0, 3.0]) if limb.slides else np.array([0.0, 1.0, -1.0]) * 2.0
@@ -141,8 +141,8 @@ def _root_pair(limb: _OneLimb, held: Mapping[str, Array] | None = None) -> tuple
 def _turned_root(limb: _OneLimb, u: Array, which: int) -> tuple[Array, Array]:
     """Return one root (N,) of a limb with an offset universal joint, and the nearest u (N,).
 
-    The joint is held as it stands at u and the limb solved in closed form, again and again: the
-    turn is stationary, so that each step squares the error. Where there is no root yet the joint
+    The joint is held as solved at u and the limb solved in closed form, repeatedly: the
+    rotation is stationary, so that each step squares the error. While there is no root the joint
     follows the nearest u, which ends at the end of the limb's reach.
     """
     near, root = u, np.full_like(u, np.nan)
@@ -160,7 +160,7 @@ def _turned_root(limb: _OneLimb, u: Array, which: int) -> tuple[Array, Array]:
 def _inner_product(limb: _OneLimb, u: Array, held: Mapping[str, Array] | None = None) -> Array:
     """Return the raw inner product of the limb's first closure equation (N,), m^2 or m.
 
-    ``held``: the turn of an offset universal joint, where it is not that at the pose.
+    ``held``: the rotation of an offset universal joint, if not that at the pose.
     """
     values = {**limb.values, U: u, **(held or {})}
     body = limb.kind.evaluate(values, (), limb.pose if held is None else None)
@@ -171,7 +171,7 @@ def _inner_product(limb: _OneLimb, u: Array, held: Mapping[str, Array] | None = 
 def _inner_products(limb: _OneLimb, u: Array, held: Mapping[str, Array] | None = None) -> Array:
     """Return the same at several joint coordinates (N, s) of each pose (N, s).
 
-    All at once where poses are so few that calls are what takes the time.
+    All at once if there are so few poses that calls dominate the time.
     """
     count, several = u.shape
     if count > FEW:
@@ -192,7 +192,7 @@ def _distance(limb: _OneLimb, u: Array) -> Array:
 
 
 def _polynomial_roots(f: Array, h: float, linear: bool) -> tuple[Array, Array]:
-    """Roots of the parabola through f(h), f(2h), f(3h), and where it comes nearest to 0."""
+    """Roots of the parabola through f(h), f(2h), f(3h), and where it is closest to 0."""
     f1, f2, f3 = f[:, 0], f[:, 1], f[:, 2]
     c2 = (f1 - 2.0 * f2 + f3) / (2.0 * h * h)
     if linear:
@@ -204,9 +204,9 @@ def _polynomial_roots(f: Array, h: float, linear: bool) -> tuple[Array, Array]:
     c1 = (f3 - f1) / (2.0 * h) - 4.0 * h * c2
     c0 = f2 - 2.0 * h * c1 - 4.0 * h * h * c2
     disc = c1 * c1 - 4.0 * c2 * c0
-    # exactly at the end of reach round-off may turn the discriminant negative
+    # exactly at the end of reach, round-off may make the discriminant negative
     disc = np.where((disc < 0.0) & (disc > -1e-14 * (c1 * c1 + np.abs(4 * c2 * c0))), 0.0, disc)
-    # so far away that its distance swallows the step, the parabola has no curvature: no root
+    # so far away that its distance swamps the step, the parabola has no curvature: no root
     with np.errstate(invalid="ignore", divide="ignore"):
         half = np.sqrt(disc) / (2.0 * np.abs(c2))
         middle = np.where(c2 == 0.0, np.nan, -c1 / (2.0 * c2))
@@ -214,7 +214,7 @@ def _polynomial_roots(f: Array, h: float, linear: bool) -> tuple[Array, Array]:
 
 
 def _trigonometric_roots(f: Array) -> tuple[Array, Array]:
-    """Roots of k + a cos u + b sin u through u = 0, 2 and -2 rad, and where it is nearest to 0."""
+    """Roots of k + a cos u + b sin u through u = 0, 2 and -2 rad, and where it is closest to 0."""
     even, odd = (f[:, 1] + f[:, 2]) / 2.0, (f[:, 1] - f[:, 2]) / 2.0
     a = (f[:, 0] - even) / (1.0 - np.cos(2.0))
     b = odd / np.sin(2.0)
@@ -233,7 +233,7 @@ def _trigonometric_roots(f: Array) -> tuple[Array, Array]:
 def _polished(limb: _OneLimb, u: Array) -> Array:
     """Return roots (N, 2) after one Newton step on the closure equation itself.
 
-    It counts only where it is small and finite.
+    The step is used only if it is small and finite.
     """
     safe = np.where(np.isfinite(u), u, 1.0)
     h = 1e-6 * (limb.reach if limb.slides else 1.0)

@@ -1,4 +1,4 @@
-"""Some of a machine's limbs as a machine: those that close it exactly, where there are more."""
+"""A machine with some of its limbs: sets that close it exactly, if it has surplus ones."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from ppmcal.kinematics.inverse import home_state
 from ppmcal.model.mechanism import Mechanism
 
 MOST_COMBINATIONS, MOST_PARTS = 1000, 8
-"""Sets of limbs that close a machine: so many are listed, and so many tried."""
+"""Sets of limbs that close a machine: maximum numbers listed, and tried."""
 SOUND = 1e-3
-"""Smallest singular value at home of limbs that are tried."""
+"""Smallest singular value at home of sets that are tried."""
 
 
 @lru_cache(maxsize=64)
 def exact_sets(mechanism: Mechanism) -> tuple[tuple[int, ...], ...]:
-    """Return sets of as few limbs as close a machine, best conditioned at home first."""
+    """Return minimal sets of limbs that close a machine, best conditioned at home first."""
     sizes = [limb.kind.surface.equations for limb in mechanism.limbs]
     wanted = len(mechanism.dof)
     chosen = []
@@ -40,7 +40,7 @@ def exact_sets(mechanism: Mechanism) -> tuple[tuple[int, ...], ...]:
 
 
 def with_limbs(model: Model, some: Sequence[int]) -> tuple[Model, list[int]]:
-    """Return the machine with some of its limbs, and which actuators they have."""
+    """Return the machine with some of its limbs, and the indices of their actuators."""
     shift = model.shift and replace(model.shift, slots={
         (some.index(i), slot): v for (i, slot), v in model.shift.slots.items() if i in some})
     part, driven = _part_of(model.mechanism, tuple(some))
@@ -49,7 +49,7 @@ def with_limbs(model: Model, some: Sequence[int]) -> tuple[Model, list[int]]:
 
 @lru_cache(maxsize=64)
 def _part_of(mechanism: Mechanism, some: tuple[int, ...]) -> tuple[Mechanism, list[int]]:
-    """Return the machine with some of its limbs; kept, as what is known of its home is."""
+    """Return the machine with some of its limbs; cached, so that its home state is too."""
     chosen = [mechanism.limbs[i] for i in some]
     driven = sorted({limb.actuator for limb in chosen if limb.driven})
     limbs = tuple(replace(limb, actuator=driven.index(limb.actuator)) if limb.driven else limb

@@ -1,4 +1,4 @@
-"""The tables that the compiled path reads: limbs, and what columns of a Jacobian are made of."""
+"""The tables that the compiled path reads: limbs, and the entries of a Jacobian's columns."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ class LimbTables(NamedTuple):
 class EntryTables(NamedTuple):
     """S entries, in the order of equation and stage.
 
-    A stage is the part of a chain to one side of its drive. ``first`` (d, 7): where an equation's
+    A stage is the part of a chain on one side of its drive. ``first`` (d, 7): where an equation's
     entries begin by stage, and where they end; ``twist`` (S, 6); ``joint`` (S,): the joint whose
-    value the entry counts times, or -1; ``place`` (S,): where it stands in the order of equation
-    and column; ``column`` (S,) in that order; ``runs`` (r, 5): of entries in that order whose
-    columns follow each other: equation, first entry, first column, length, whether to add to what
-    is there already.
+    value multiplies the entry, or -1; ``place`` (S,): its place in the order of equation
+    and column; ``column`` (S,) in that order; ``runs`` (r, 5): runs of entries in that order with
+    consecutive columns: equation, first entry, first column, length, whether to add to the
+    present value.
     """
 
     first: Ints

@@ -1,4 +1,4 @@
-"""What actuators and limbs carry of a wrench on the platform."""
+"""The loads of actuators and limbs due to a wrench on the platform."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from ppmcal.linalg import Array, Bools, finite_rows, solve_rows
 from ppmcal.model.mechanism import Mechanism
 
 EVEN = 0.05
-"""Tensions without a load whose mean is below this part of their size are no tension."""
+"""Tensions without a load count as none if their mean is below this part of their size."""
 ROUNDS, LEAST = 60, 0.02
-"""Rounds of a search for tensions, and the least of a tight rope in parts of the largest."""
+"""Rounds of a search for tensions, and minimum tension of a tight rope relative to the largest."""
 
 
 def loads(model: Model, q: Array, pose: Array, wrench: Array) -> Array:
     """Return f = J_q^T wrench (N, k): the wrench's work per unit of each joint coordinate u.
 
-    [LIN] section 2.3: -A^-1 Jq carries joint motion to the platform, its transpose carries
+    [LIN] section 2.3: -A^-1 Jq maps joint motion to the platform, its transpose maps
     the platform's wrench (N, 6), base axes at the platform origin, to the joints.
     """
     out = np.full((q.shape[0], len(model.mechanism.actuators)), np.nan)
@@ -35,9 +35,9 @@ def loads(model: Model, q: Array, pose: Array, wrench: Array) -> Array:
 
 
 def limb_forces(model: Model, q: Array, pose: Array, wrench: Array) -> Array:
-    """Return the force with which the platform pushes on each limb, and that on the base (N, L, 3).
+    """Return the force with which the platform pushes on each limb, and this on the base (N, L, 3).
 
-    The wrench (N, 6) is the sum of A's lines times the reactions: what a limb carries of it acts
+    The wrench (N, 6) is the sum of A's lines times the reactions: a limb's share of it acts
     along the line of its closure, base axes, N.
     """
     out = np.full((q.shape[0], len(model.mechanism.limbs), 3), np.nan)
@@ -51,10 +51,10 @@ def limb_forces(model: Model, q: Array, pose: Array, wrench: Array) -> Array:
 
 
 def tensions(model: Model, q: Array, pose: Array, on: NDArray[np.bool_]) -> Array:
-    """Return the tensions of the drives (N, k) where those ``on`` (k,) pull by 1, others hold.
+    """Return the tensions of the drives (N, k) if those ``on`` (k,) pull by 1 and the others hold.
 
-    Without a wrench, A' f = 0; nan where the others cannot hold. As many pull as there are
-    equations beyond the freedoms.
+    Without a wrench, A' f = 0; nan if the others cannot hold. As many pull as there are
+    surplus equations.
     """
     out = np.full((q.shape[0], len(model.mechanism.actuators)), np.nan)
     rows = np.flatnonzero(finite_rows(q) & finite_rows(pose))
@@ -72,9 +72,9 @@ def tensions(model: Model, q: Array, pose: Array, on: NDArray[np.bool_]) -> Arra
 
 def rope_tensions(model: Model, q: Array, pose: Array, wrench: Array, measured: Array | None
                   ) -> Array:
-    """Return the tension of each drive (N, k), N: as measured, else as the wrench (N, 6) makes it.
+    """Return the tension of each drive (N, k), N: as measured, else due to the wrench (N, 6).
 
-    nan where equations beyond the freedoms leave open how limbs pull against each other. Below 0 a
+    nan if surplus equations leave open how limbs pull against each other. Below 0 a
     rope would have to push.
     """
     if model.mechanism.surplus:
@@ -85,15 +85,15 @@ def rope_tensions(model: Model, q: Array, pose: Array, wrench: Array, measured: 
 
 
 def only_pull(mechanism: Mechanism) -> Bools:
-    """Return which equations are those of ropes (m,)."""
+    """Return which equations are of ropes (m,)."""
     return np.array([limb.kind.pulls_only for limb in mechanism.limbs
                      for _ in range(limb.kind.surface.equations)])
 
 
 def even_tension(mechanism: Mechanism, a: Array, ropes: Bools, tension: float) -> Array:
-    """Return forces (N, m) that balance each other with ropes as even as may be, N.
+    """Return forces (N, m) that balance each other, with ropes as even as possible, N.
 
-    Their mean is ``tension``; nan where ropes cannot pull against each other.
+    Their mean is ``tension``; nan if ropes cannot pull against each other.
     """
     basis = surplus(mechanism, a)
     even = (basis @ np.swapaxes(basis, -1, -2) @ ropes.astype(float)[..., None])[..., 0]
@@ -103,9 +103,9 @@ def even_tension(mechanism: Mechanism, a: Array, ropes: Bools, tension: float) -
 
 
 def pretensions(model: Model, q: Array, pose: Array) -> Array:
-    """Return the tensions (N, k) of drives whose ropes pull evenly by 1 in the mean, no load.
+    """Return the tensions (N, k) of drives whose ropes pull evenly, by 1 on average, no load.
 
-    nan where they cannot pull against each other, and of other drives than ropes'.
+    nan if they cannot pull against each other, and for drives without ropes.
     """
     mechanism = model.mechanism
     out = np.full((q.shape[0], len(mechanism.actuators)), np.nan)
@@ -123,11 +123,11 @@ def pretensions(model: Model, q: Array, pose: Array) -> Array:
 
 
 def tight_ropes(model: Model, q: Array, pose: Array, weight: bool = False) -> Bools:
-    """Return whether ropes can pull against each other at poses (N, 8), all of them, (N,).
+    """Return whether all ropes can pull against each other at poses (N, 8), (N,).
 
-    Whether tensions of one sign hold the platform without a wrench, or with a ``weight`` at its
-    origin: found by going to and fro between those that do (A' f = 0) and those above a least one
-    (von Neumann 1949).
+    This is the case if tensions of one sign hold the platform without a wrench, or with a
+    ``weight`` at its origin: found by alternating projections between those that do (A' f = 0) and
+    those above a minimum (von Neumann 1949).
     """
     a = model.closure(q).pose_matrix(pose)
     if weight:
@@ -144,7 +144,7 @@ def tight_ropes(model: Model, q: Array, pose: Array, weight: bool = False) -> Bo
 
 
 def spans(model: Model, q: Array, pose: Array) -> Array:
-    """Return the horizontal distance of each limb's first equation's two points (N, limbs), m."""
+    """Return the horizontal distance of the two points of each limb's first equation (N, L), m."""
     out = np.full((q.shape[0], len(model.mechanism.limbs)), np.nan)
     rows = np.flatnonzero(finite_rows(q) & finite_rows(pose))
     if rows.size:
@@ -160,8 +160,8 @@ def _reaction(model: Model, q: Array, pose: Array, wrench: Array
               ) -> tuple[NDArray[np.int64], Closure, Array, Array]:
     """Return usable rows (n,), their closure, lines and A^-T w (n, m).
 
-    At a singular pose nothing bears the load: nan. Surplus limbs share it by what their drives give
-    way, where all do; else as if all gave alike.
+    At a singular pose nothing holds the load: nan. Surplus limbs share it by the compliance of
+    their drives if all have one; otherwise as if all were equally compliant.
     """
     rows = np.flatnonzero(finite_rows(q) & finite_rows(pose) & finite_rows(wrench))
     closure = model.take(rows).closure(q[rows])
@@ -175,7 +175,7 @@ def _reaction(model: Model, q: Array, pose: Array, wrench: Array
 
 
 def _gives(model: Model) -> Array:
-    """Return how far drives give way by effects, per unit of a small load (k,); 0 of rigid ones."""
+    """Return the compliance of drives by effects, per unit of a small load (k,); 0 if rigid."""
     out = np.zeros(len(model.mechanism.actuators))
     for effect in model.mechanism.effects:
         if effect.kind.gives is not None:

@@ -1,4 +1,4 @@
-"""Which recorded columns the effects of a machine need, and which of them rows lack."""
+"""Recorded columns that a machine's effects need, and those that rows lack."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from ppmcal.model.effects import EffectParameter
 from ppmcal.model.mechanism import Effect, Mechanism
 
 NO_COLUMN = ("row", "touch")
-"""What needs no column: every row has its number (after the last one: none), and without touches
-of a flat its shape does nothing."""
+"""Needs without a column: every row has its number (after the last one: none), and without touches
+of a flat its shape has no effect."""
 ORDER = "approach: sequence"
-"""What rows lack if their order is not known, or what the joints did between them."""
+"""What rows lack if their order, or the joints' motion between them, is not known."""
 
 
 def missing_columns(mechanism: Mechanism, rows: Environment) -> Sequence[str]:
-    """Return the columns that the effects need and no row has, by name."""
+    """Return the names of columns that the effects need and no row has."""
     out: list[str] = []
     for effect in mechanism.effects:
         on = [a for a, used in enumerate(effect.on) if used]
@@ -30,25 +30,25 @@ def missing_columns(mechanism: Mechanism, rows: Environment) -> Sequence[str]:
 
 def by_load(needs: Sequence[str], mechanism: Mechanism, rows: Environment | None = None
             ) -> tuple[str, ...]:
-    """Return what is needed, the load for tensions that no row has where it says them."""
+    """Return what is needed, with the load instead of tensions if no row has these."""
     if mechanism.surplus or (rows is not None and rows.tension is not None):
         return tuple(needs)
     return tuple("load" if n == "tension" else n for n in needs)
 
 
 def remembers(mechanism: Mechanism) -> bool:
-    """Whether an effect depends on what came before a row."""
+    """Whether an effect depends on what happened before a row."""
     return any({"order", "past"} & set(_needs(mechanism, e)) for e in mechanism.effects)
 
 
 def _needs(mechanism: Mechanism, effect: Effect) -> tuple[str, ...]:
-    """Return what an effect needs, with its parameters as they are."""
+    """Return the needs of an effect, with its parameters as they are."""
     return (*effect.kind.needs, *(n for s in effect.kind.parameters(mechanism.motion)
                                   if not _off(mechanism, effect, s) for n in s.needs))
 
 
 def _off(mechanism: Mechanism, effect: Effect, spec: EffectParameter) -> bool:
-    """Whether a parameter has its default for good."""
+    """Whether a parameter has its default permanently."""
     parameter = mechanism.parameters[effect.parameters[spec.name]]
     return parameter.value == spec.default and not parameter.free
 

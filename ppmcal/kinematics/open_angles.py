@@ -1,8 +1,8 @@
 """Poses with some Euler angles or positions left open, through gimbal lock.
 
 The open coordinates and the joints are solved for, and the named ones hold by construction: the
-turn of an open angle is a twist in every pose, also where the other two turn about one axis. So
-a tripod's tilt and azimuth (``euler-ZXZ`` with the third angle open) are found at home too,
+rotation of an open angle is a twist in every pose, even where the other two rotate about one axis.
+So a tripod's tilt and azimuth (``euler-ZXZ`` with the third angle open) are found at home too,
 where the azimuth has no rate.
 """
 
@@ -24,9 +24,9 @@ from ppmcal.model.registration import Registration
 
 ITERATIONS = 50
 TRIED = {0: 1, 1: 24, 2: 12, 3: 8}
-"""Values tried of each open angle, by how many there are, for the rotation nearest to home's."""
+"""Number of values tried for each open angle, by number of angles, to get closest to home."""
 TURN = 0.5
-"""Open angles turn by no more than this in one step, rad."""
+"""Maximum change of open angles in one step, rad."""
 CLOSED = 1e-12
 
 
@@ -37,9 +37,9 @@ def solve_open_angles(model: Model, registration: Registration, wanted: Array,
 
     Args:
         model: one machine, or one for each row.
-        registration: which point is wanted, in which frame.
+        registration: the wanted point, and its frame.
         wanted: measured poses (N, 6), rotations as Euler angles.
-        open_: coordinates that are not named (N, 6), as many in every row.
+        open_: coordinates that are not named (N, 6), equally many in every row.
         euler: convention of the angles.
 
     Returns:
@@ -72,7 +72,7 @@ def solve_open_angles(model: Model, registration: Registration, wanted: Array,
 
 def _starts(model: Model, registration: Registration, wanted: Array, open_: NDArray[np.bool_],
             euler: str) -> Array:
-    """Return coordinates (N, 6) with the open ones as near to home as those named allow."""
+    """Return coordinates (N, 6) with the open ones as near to home as the named ones allow."""
     home = measured_pose(registration, model.mechanism.home[None])[0]
     out = np.where(open_, 0.0, np.nan_to_num(wanted))
     out[:, :3] = np.where(open_[:, :3], home[:3], out[:, :3])
@@ -101,6 +101,6 @@ def _twists(registration: Registration, pose: Array, at: Array, pick: Ints, eule
     every = np.zeros((len(pose), 6, 6))
     every[:, :3, :3] = back / registration.scale
     every[:, 3:, 3:] = back @ euler_rates(at[:, 3:], euler)
-    # the tool keeps its place as the platform turns: v = r x w
+    # the tool point stays in place as the platform rotates: v = r x w
     every[:, :3, 3:] = cross_matrix(arm) @ every[:, 3:, 3:]
     return np.take_along_axis(every, pick[:, None, :], axis=2)

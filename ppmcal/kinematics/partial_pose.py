@@ -27,7 +27,7 @@ from ppmcal.model.registration import Registration
 
 ITERATIONS = 50
 NEAR = 1e-11
-"""Wanted coordinates are met to this, m (or part of a larger reach) and rad."""
+"""Wanted coordinates are met to within this, m (or part of a larger reach) and rad."""
 LACKING = "a condition that the machine's effects depend on is not given"
 
 
@@ -49,13 +49,13 @@ def pose_motor(vector: Array) -> Array:
 
 @dataclass(frozen=True)
 class PoseConvention:
-    """What wanted poses name.
+    """Meaning of wanted poses.
 
     Attributes:
-        tool: the point whose position they are, platform axes (3,), m; axes are the platform's.
-        rotation: their convention, of :mod:`rotations`; Euler angles stand in the places of
+        tool: the point whose position is wanted, platform axes (3,), m; axes are the platform's.
+        rotation: their convention, of :mod:`rotations`; Euler angles take the place of
             the rotation vector, so that each of them can be left open.
-        seen: by what frame and target they are seen, in place of the base frame and the tool.
+        seen: frame and target in which they are measured, instead of base frame and tool.
     """
 
     tool: Array = field(default_factory=lambda: np.zeros(3))
@@ -64,12 +64,12 @@ class PoseConvention:
 
     @property
     def euler(self) -> str:
-        """The convention where it is one of Euler angles, else empty."""
+        """The convention if it is one of Euler angles, else empty."""
         return self.rotation if self.rotation.startswith("euler") else ""
 
     @property
     def registration(self) -> Registration:
-        """What sees the poses; by default the tool's frame in base axes."""
+        """Registration of the poses; by default the tool's frame in base axes."""
         return self.seen or Registration(target=np.asarray(self.tool, dtype=float))
 
 
@@ -81,8 +81,8 @@ def inverse_partial(model: Model, coordinates: Array, rows: Environment | None =
         model: the machine at its parameters.
         coordinates: (N, 6) x, y, z, rotation vector; nan where left open. Each row must
             name all coordinates of the motion or as many as there are actuators.
-        rows: environment that effects depend on; the joint values make up for the effects.
-        convention: what these coordinates are, default those of the platform's own frame.
+        rows: environment that effects depend on; the joint values compensate the effects.
+        convention: of these coordinates, default those of the platform's own frame.
 
     Returns:
         joint values, and the platform's own poses.
@@ -96,7 +96,7 @@ def inverse_partial(model: Model, coordinates: Array, rows: Environment | None =
 
 def _inverse_of_angles(model: Model, coordinates: Array, rows: Environment | None,
                        convention: PoseConvention) -> Inverse:
-    """Solve rows that name all three angles as rotations, which gimbal lock does not touch."""
+    """Solve rows that name all three angles as rotations, which avoids gimbal lock."""
     whole = finite_rows(coordinates[:, 3:])
     out = Inverse(np.full((len(whole), len(model.mechanism.actuators)), np.nan),
                   np.full((len(whole), 8), np.nan), ())
@@ -113,7 +113,7 @@ def _inverse_of_angles(model: Model, coordinates: Array, rows: Environment | Non
 
 def _inverse_rows(model: Model, coordinates: Array, rows: Environment | None,
                   convention: PoseConvention) -> Inverse:
-    """Solve rows of one convention; the joint values make up for the effects."""
+    """Solve rows of one convention; the joint values compensate the effects."""
     found = _inverse_named(model, convention, coordinates)
     if not model.mechanism.effects:
         return found
@@ -138,7 +138,7 @@ def _inverse_rows(model: Model, coordinates: Array, rows: Environment | None,
 
 def _lacking(model: Model, rows: Environment, found: Inverse, usable: NDArray[np.bool_]
              ) -> list[str]:
-    """Return why the effects are not known, row by row; empty where they are ``usable``."""
+    """Return why the effects are unknown, row by row; empty where they are ``usable``."""
     if usable.all():
         return [""] * len(usable)
     why = beyond(model, rows, found.q, found.pose)
@@ -152,7 +152,7 @@ def _missed(mechanism: Mechanism, convention: PoseConvention, wanted: Array, rea
     if convention.euler:
         return _miss_of_euler(wanted, vector, convention.euler)
     angle = np.linalg.norm(vector[:, 3:], axis=1, keepdims=True)
-    # beyond half a turn the same rotation has a second vector; take the one that was asked for
+    # beyond half a turn the same rotation has a second vector; take the one that was wanted
     whole = np.where(angle > 0.0, 1.0 - 2.0 * np.pi / np.where(angle > 0.0, angle, 1.0), 1.0)
     far = np.nansum((wanted[:, 3:] - vector[:, 3:]) * vector[:, 3:], axis=1, keepdims=True)
     vector[:, 3:] *= np.where(far < -np.pi * angle, whole, 1.0)
@@ -172,9 +172,9 @@ def _miss_of_euler(wanted: Array, vector: Array, euler: str) -> Array:
 
 def _inverse_named(model: Model, convention: PoseConvention, coordinates: Array,
                    lacking: Sequence[str] = ()) -> Inverse:
-    """Inverse kinematics of full or partial poses, without regard to platform twists.
+    """Inverse kinematics of full or partial poses, ignoring platform twists.
 
-    ``lacking``: why effects are not known, row by row; empty where they are.
+    ``lacking``: why effects are unknown, row by row; empty where they are known.
     """
     mechanism = model.mechanism
     full, failed = wanted_poses(model, convention.registration, coordinates, convention.euler)
@@ -195,10 +195,10 @@ def wanted_poses(model: Model, registration: Registration, wanted: Array, euler:
                  ) -> tuple[Array, list[str]]:
     """Return platform poses (N, 6) in the base frame for wanted measured poses (N, 6).
 
-    Rows that name all coordinates are carried back in closed form. Where a machine has
+    Rows that name all coordinates are carried back in closed form. If a machine has
     fewer actuators than coordinates and a row leaves some open, pose and joints are solved
-    together: the closure, and the named coordinates as measured. Their rotations are vectors, or
-    Euler angles of a convention ``euler``.
+    together: the closure, and the named coordinates as measured. Rotations are vectors, or
+    Euler angles of the convention ``euler``.
     """
     mechanism = model.mechanism
     dof = np.isin(np.arange(6), mechanism.dof)
@@ -231,7 +231,7 @@ def wanted_poses(model: Model, registration: Registration, wanted: Array, euler:
 
 def _within_reason(mechanism: Mechanism, registration: Registration, wanted: Array,
                    failed: list[str]) -> Array:
-    """Mark poses farther away than 1000 times the reach; they would only overflow."""
+    """Mark poses farther away than 1000 times the reach, which would only overflow."""
     reach = 1e3 * (mechanism.reach + float(np.linalg.norm(cga.translation(registration.frame)))
                    + float(np.linalg.norm(mechanism.home_pose[:3])))
     with np.errstate(invalid="ignore"):
@@ -252,7 +252,7 @@ def solve_named(model: Model, registration: Registration, wanted: Array, open_: 
         model: one machine, or one for each row.
         registration: one, or one for each row.
         wanted: measured poses (N, 6).
-        open_: coordinates that are not named (N, 6), as many in every row.
+        open_: coordinates that are not named (N, 6), equally many in every row.
 
     Returns:
         platform poses (N, 6), joint values (N, k), and which rows are solved (N,).
@@ -295,7 +295,7 @@ def solve_named(model: Model, registration: Registration, wanted: Array, open_: 
 
 
 def named_only(mechanism: Mechanism, asked: Array) -> Array:
-    """Leave open what a constrained machine's own closure decides.
+    """Leave open the coordinates that a constrained machine's own closure determines.
 
     Full poses lie on the identified machine's surface, not on the nominal one's.
     """

@@ -1,4 +1,4 @@
-"""Rates and accelerations along a path that is given row by row, by differences."""
+"""Rates and accelerations along a path given row by row, by differences."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from ppmcal.linalg import Array
 
 
 def follows(time: Array) -> bool:
-    """Whether times (N,) go up from row to row, so that differences over them mean something."""
+    """Whether times (N,) increase from row to row, so that differences are meaningful."""
     return bool(time.size > 1 and np.isfinite(time).all() and np.all(np.diff(time) > 0.0))
 
 
 def rates(time: Array, values: Array) -> Array:
     """Return d(values)/dt (N,) by the parabola through each row and its neighbours.
 
-    Exact for a parabola at any spacing; nan beside a gap, and with fewer than three rows.
+    Exact for a parabola at any spacing; nan next to a gap, and with fewer than three rows.
     """
     if len(values) < 3:
         return np.full(len(values), np.nan)

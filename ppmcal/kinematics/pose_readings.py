@@ -1,4 +1,4 @@
-"""What is done to measured columns that hold another convention, frame or row than is asked for."""
+"""Conversion of measured columns from another convention, frame or row than the wanted one."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ QUATERNIONS = ("quat-xyzw", "quat-wxyz")
 
 
 def understood(raw: Array, convention: str) -> Array:
-    """Return rotation vectors (N, 3), rad, of rotation columns as written in a convention.
+    """Return rotation vectors (N, 3), rad, of rotation columns written in a convention.
 
     ``raw``: (N, 3) rad, quaternions (N, 4) of any length, or matrices (N, 9) row by row.
     """
@@ -44,7 +44,7 @@ def _of_quaternion(raw: Array) -> Array:
 
 
 def written(rotation: Array, convention: str) -> Array:
-    """Return rotation vectors (N, 3) as a convention writes them; the inverse of the other."""
+    """Return rotation vectors (N, 3) as written in a convention; inverse of :func:`understood`."""
     if convention in ("", "rotvec", "matrix"):
         return rotation
     if convention in QUATERNIONS:
@@ -77,7 +77,7 @@ def inverse_pose(position: Array, rotation: Array, planar: bool) -> tuple[Array,
 
 
 def shifted_rows(data: Dataset, shift: int) -> Dataset:
-    """Return the data with its measured columns moved up by ``shift`` rows; ends are left empty.
+    """Return the data with its measured columns moved up by ``shift`` rows; ends are dropped.
 
     The row numbers stay those of the joints.
     """

@@ -1,4 +1,4 @@
-"""Poses about home, one coordinate after the other: what a machine does when commanded to move."""
+"""Poses about home, one coordinate after the other: how a machine moves when commanded."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from ppmcal.linalg import Array, Bools
 from ppmcal.model.mechanism import Mechanism
 
 PART_OF_REACH = 0.1
-"""How far a coordinate is moved, in parts of the reach."""
+"""Distance by which a coordinate is moved, relative to the reach."""
 MOST_TURN = 0.35
-"""How far a rotation is moved at most, rad."""
+"""Maximum rotation, rad."""
 HALVINGS = 5
 STEPS = (0.5, 1.0)
 
@@ -28,9 +28,9 @@ class PoseSweep:
     Attributes:
         coordinate: index of the moved coordinate, -1 at home, (N,); step: by how much, m or rad.
         pose: full platform poses (N, 6); q: joint values (N, k), SI.
-        still: indices of coordinates that could not be moved: the machine decides them, or
+        still: indices of coordinates that could not be moved: the machine determines them, or
             every step is out of reach or beyond the limits.
-        lost: indices of limbs that do not reach home; then home is all that there is, as far as
+        lost: indices of limbs that do not reach home; then home is the only pose, as far as
             each limb goes.
     """
 
@@ -46,7 +46,7 @@ def pose_sweep(model: Model) -> PoseSweep:
     """Return home and poses about it that the machine reaches within its limits.
 
     Each coordinate is moved by a tenth of the reach (a rotation by as much at the platform's
-    joints), or by a half, a quarter, ... of that, and by half of it on the way.
+    joints), or by a half, a quarter, ... of that, with a pose at half the distance.
     """
     mechanism = model.mechanism
     state = home_attempt(mechanism)
@@ -77,7 +77,7 @@ def pose_sweep(model: Model) -> PoseSweep:
 
 
 def _asked(mechanism: Mechanism) -> tuple[Array, list[tuple[int, float, int]]]:
-    """Return poses to try (N, 6) and of each its coordinate, sign and halvings."""
+    """Return poses to try (N, 6), each with its coordinate, sign and number of halvings."""
     home = np.array(mechanism.home_pose)
     if mechanism.dependent:
         try:
@@ -101,7 +101,7 @@ def _asked(mechanism: Mechanism) -> tuple[Array, list[tuple[int, float, int]]]:
 
 
 def _within_limits(mechanism: Mechanism, q: Array, home_q: Array) -> Bools:
-    """Return which rows (N,) keep the limits of the joints that keep them at home."""
+    """Return which rows (N,) keep the limits of those joints that keep them at home."""
     low, high = mechanism.limits.T
     kept = (home_q >= low) & (home_q <= high)
     return np.asarray((((q >= low) & (q <= high)) | ~kept).all(axis=1), dtype=np.bool_)

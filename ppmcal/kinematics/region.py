@@ -1,7 +1,7 @@
-"""Where a machine can go: which coordinates a pose names, boxes and slices about home.
+"""Where a machine can go: the coordinates that a command names, boxes and slices about home.
 
 A machine with fewer actuators than pose coordinates takes as many coordinates as it has
-actuators; its closure decides the others, which stay open (nan). Poses are full poses (N, 6)
+actuators; its closure determines the others, which stay open (nan). Poses are full poses (N, 6)
 x, y, z and rotation vector in the base frame, SI.
 """
 
@@ -25,19 +25,19 @@ from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.units import Units
 
 STEPS = 64
-"""Steps on the way from home along one coordinate, at which limits are looked up."""
+"""Steps from home along one coordinate, at which limits are checked."""
 SHORT, FINER = 8, 4
-"""A way of fewer steps is followed again in finer ones, at most so often."""
+"""A way of fewer steps than this is repeated in finer ones, at most this many times."""
 SMALLEST = 0.02
 MARGIN = 0.15
-"""A slice goes beyond what home can reach along its axes by this part, both ways."""
+"""A slice extends beyond what home can reach along its axes by this part, at both ends."""
 OPEN_REACH = 0.25
-"""Along coordinates that no limit ends, a slice goes this part of the reach from home."""
+"""Along coordinates that no limit bounds, a slice extends this part of the reach from home."""
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """A regular grid: pose coordinates (indices into the full pose), and levels of each."""
+    """A regular grid: pose coordinates (indices into the full pose), and the levels of each."""
 
     coordinates: tuple[int, ...]
     levels: tuple[Array, ...]
@@ -83,7 +83,7 @@ class Grid:
 
 @lru_cache(maxsize=64)
 def named(mechanism: Mechanism) -> tuple[int, ...]:
-    """Return the pose coordinates that a command names; closure decides the others."""
+    """Return the pose coordinates that a command names; closure determines the others."""
     nominal = mechanism.nominal()
     if not nominal.dependent:
         return nominal.dof
@@ -97,9 +97,9 @@ class Map:
 
     Attributes:
         name: column of the table and stem of the picture: ``amplification_position``.
-        title: in words; unit: of ``values``, empty for a bare number.
+        title: in words; unit: of ``values``, empty if dimensionless.
         values: one value per pose, shape of the grid, file units, nan where there is none.
-        log: whether colours go with the logarithm.
+        log: whether colours are on a logarithmic scale.
     """
 
     name: str
@@ -115,9 +115,9 @@ class Map:
 
 
 def placed(mechanism: Mechanism, coordinates: Sequence[int], values: Array) -> Array:
-    """Return wanted poses (N, 6) with some coordinates (N, c), the others as at home.
+    """Return wanted poses (N, 6) with some coordinates (N, c) given, the others as at home.
 
-    Of a machine with fewer actuators than coordinates those beyond its actuators stay open.
+    With fewer actuators than coordinates, those beyond the number of actuators stay open.
     """
     chosen = list(coordinates)
     chosen += [c for c in named(mechanism) if c not in chosen][:max(
@@ -137,7 +137,7 @@ def largest_box(mechanism: Mechanism, chosen: Sequence[int], trials: int) -> tup
     one factor until every pose of the box, ``trials`` along each coordinate, is inside.
 
     Raises:
-        NoResult: next to nothing is inside.
+        NoResult: hardly any pose is inside.
     """
     model = Model(mechanism.nominal())
     low, high = extent(model, chosen)
@@ -155,7 +155,7 @@ def largest_box(mechanism: Mechanism, chosen: Sequence[int], trials: int) -> tup
         middle = 0.5 * (inside + outside)
         inside, outside = (middle, outside) if fits(middle) else (inside, middle)
     if inside < SMALLEST or np.any(low + high <= 0.0):
-        raise NoResult("next to nothing around home is inside the limits",
+        raise NoResult("hardly any pose around home is inside the limits",
                        f"{mechanism.source}: limits", "Check `home` and `limits`")
     return home - inside * low, home + inside * high
 
@@ -163,8 +163,8 @@ def largest_box(mechanism: Mechanism, chosen: Sequence[int], trials: int) -> tup
 def extent(model: Model, chosen: Sequence[int]) -> tuple[Array, Array]:
     """Return how far home can go down and up along each coordinate alone, (c,) each.
 
-    At most the reach, or the motion's largest turn; :data:`OPEN_REACH` of it where an actuator has
-    no limits.
+    At most the reach, or the motion's largest rotation; :data:`OPEN_REACH` of it if an actuator
+    has no limits.
     """
     mechanism = model.mechanism
     far = mechanism.reach * (1.0 if np.isfinite(mechanism.limits).all() else OPEN_REACH)
@@ -173,7 +173,7 @@ def extent(model: Model, chosen: Sequence[int]) -> tuple[Array, Array]:
 
 
 def _free(model: Model, chosen: Sequence[int], ends: Array) -> Array:
-    """Return how far home can go towards ``ends`` (c,), in steps of 1/64; finer for short ways."""
+    """Return how far home can go towards ``ends`` (c,), in steps of 1/64; short ways finer."""
     way = np.linspace(0.0, 1.0, STEPS + 1)[1:]
     home = model.mechanism.home_pose[list(chosen)]
     free = np.zeros(len(chosen), dtype=np.int64)
@@ -190,15 +190,15 @@ def _free(model: Model, chosen: Sequence[int], ends: Array) -> Array:
 
 
 def within(model: Model, poses: Array) -> Bools:
-    """Return which poses (N, 6) the machine takes without complaint (N,)."""
+    """Return which poses (N, 6) the machine accepts (N,)."""
     return np.array([s == "ok" for s in inverse_table(model, poses).status], dtype=np.bool_)
 
 
 def _room(mechanism: Mechanism, axes: Sequence[int]) -> tuple[Array, Array]:
-    """Return :func:`extent`; as if there were no limits where home is outside them.
+    """Return :func:`extent`, without limits if home is outside them.
 
     Raises:
-        BadInput: even so home can go nowhere along a coordinate.
+        BadInput: even then home cannot move along a coordinate.
     """
     nominal = mechanism.nominal()
     low, high = extent(Model(nominal), axes)
@@ -216,23 +216,23 @@ def _room(mechanism: Mechanism, axes: Sequence[int]) -> tuple[Array, Array]:
 
 
 def slice_axes(mechanism: Mechanism) -> tuple[int, ...]:
-    """Return the two coordinates of a map where nobody chose: the first two that are named."""
+    """Return the default coordinates of a map: the first two that are named."""
     return named(mechanism)[:2]
 
 
 def slice_grid(mechanism: Mechanism, axes: Sequence[int], counts: Sequence[int],
                ranges: Mapping[int, tuple[float, float]] | None = None) -> Grid:
-    """Return a grid about home, other coordinates as there.
+    """Return a grid about home, with the other coordinates as at home.
 
     Args:
         mechanism: the machine.
         axes: pose coordinates, indices into the full pose.
         counts: levels of each.
-        ranges: coordinate -> lowest and highest value, SI; the others go a little beyond what
+        ranges: coordinate -> lowest and highest value, SI; the others extend a little beyond what
             home can reach along them, so that the edge of the workspace shows.
 
     Raises:
-        BadInput: home can go nowhere along a coordinate without a range.
+        BadInput: home cannot move along a coordinate without a range.
     """
     ends = dict(ranges or {})
     rest = [c for c in axes if c not in ends]

@@ -1,4 +1,4 @@
-"""What an instrument sees of a pose from where it stands: frame o pose o target."""
+"""What an instrument measures of a pose from its station: frame o pose o target."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ppmcal.model.registration import Registration
 
 
 def predict(registration: Registration, pose: Array) -> tuple[Array, Array]:
-    """Return what is seen of platform motors (n, 8): frame o pose o target.
+    """Return the measurement of platform motors (n, 8): frame o pose o target.
 
     Returns:
         Positions (n, 3), m, and rotation matrices (n, 3, 3) in the measuring frame, before the
@@ -28,7 +28,7 @@ def predict(registration: Registration, pose: Array) -> tuple[Array, Array]:
 
 
 def displaced(pose: Array, shift: Shift | None) -> Array:
-    """Return platform motors (n, 8) as the instrument has them once frame or target have moved."""
+    """Return platform motors (n, 8) as the instrument sees them after frame or target moved."""
     if shift is None:
         return pose
     if shift.frame is not None:
@@ -39,7 +39,7 @@ def displaced(pose: Array, shift: Shift | None) -> Array:
 def by_displacement(pose: Array, shift: Shift | None) -> Array | None:
     """Return d(seen pose)/d(platform pose) (n, 6, 6), twists about the origins, base axes.
 
-    The seen pose is :func:`displaced`; None where it is the platform's own.
+    The seen pose is :func:`displaced`; None if it is the platform's own.
     """
     if shift is None or (shift.frame is None and shift.target is None):
         return None
@@ -51,9 +51,9 @@ def by_displacement(pose: Array, shift: Shift | None) -> Array | None:
 
 
 def displacement_twists(pose: Array, by: Shift, now: Shift | None) -> Iterator[Array]:
-    """Yield the platform twists (n, 6), base axes, that look like steps of frame and target.
+    """Yield the platform twists (n, 6), base axes, equivalent to steps of frame and target.
 
-    ``by``: the steps of their displacements; ``now``: what the displacements are.
+    ``by``: the steps of their displacements; ``now``: their present displacements.
     """
     arm = _arm(pose, now)
     if by.frame is not None:
@@ -74,7 +74,7 @@ def displacement_twists(pose: Array, by: Shift, now: Shift | None) -> Iterator[A
 
 
 def _arm(pose: Array, shift: Shift | None) -> Array:
-    """Return where the displaced target's origin is from the platform's (n, 3), base axes."""
+    """Return the displaced target's origin relative to the platform's (n, 3), base axes."""
     if shift is None or shift.target is None:
         return np.zeros((len(pose), 3))
     return _times(cga.rotation_matrix(pose), shift.target[:, :3])
@@ -85,7 +85,7 @@ def _times(matrix: Array, vector: Array) -> Array:
 
 
 def after_events(registration: Registration, shift: Shift) -> Registration:
-    """Return a registration with what has moved for good; ``shift`` of one row, after the last."""
+    """Return a registration after permanent changes; ``shift`` of one row, after the last event."""
     frame, target, turn = registration.frame, registration.target, registration.target_rotation
     if shift.frame is not None:
         frame = cga.compose(frame, _motor(shift.frame)[0])
@@ -103,7 +103,7 @@ def _motor(displacement: Array) -> Array:
 
 
 def measured_pose(registration: Registration, pose: Array) -> Array:
-    """Return what is seen of platform motors (n, 8): position and rotation vector (n, 6).
+    """Return the measured position and rotation vector (n, 6) of platform motors (n, 8).
 
     Measuring frame, m and rad, in the instrument's scale.
     """

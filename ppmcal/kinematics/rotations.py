@@ -1,8 +1,8 @@
 """Euler angles and quaternions of rotations, in SciPy's conventions.
 
-``euler-xyz`` (small letters) turns about the fixed axes of the base, first x, then y, then z;
-``euler-XYZ`` (capitals) about the axes that turn along. All twelve orders of each are known, also
-those that name one axis twice (``euler-ZYZ``).
+``euler-xyz`` (small letters) rotates about the fixed axes of the base, first x, then y, then z;
+``euler-XYZ`` (capitals) about the axes that rotate along. All twelve orders of each are known,
+including those that name one axis twice (``euler-ZYZ``).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ ORDERS = tuple("".join(o) for letters in ("xyz", "XYZ") for o in product(letters
                if o[0] != o[1] != o[2])
 CONVENTIONS = ("rotvec", "quat", *(f"euler-{o}" for o in ORDERS))
 GIMBAL = 1e-6
-"""Gimbal lock: the second angle is within this, rad, of where the others turn about one axis."""
+"""Gimbal lock: the second angle is within this, rad, of where the others share one axis."""
 
 
 def from_euler(angles: Array, convention: str) -> Array:
@@ -37,8 +37,8 @@ def from_euler(angles: Array, convention: str) -> Array:
 def to_euler(vector: Array, convention: str) -> tuple[Array, Bools]:
     """Return Euler angles (N, 3), rad, of rotation vectors (N, 3), and rows in gimbal lock (N,).
 
-    In gimbal lock only the sum or difference of the first and the third angle is known: the third
-    one is 0.
+    In gimbal lock only the sum or difference of the first and the third angle is known: then the
+    third one is 0.
     """
     from scipy.spatial.transform import Rotation
 
@@ -58,13 +58,13 @@ def to_euler(vector: Array, convention: str) -> tuple[Array, Bools]:
 
 
 def euler_like(vector: Array, named: Array, convention: str) -> tuple[Array, Bools]:
-    """Return Euler angles (N, 3), rad, of rotation vectors (N, 3), such as were named before.
+    """Return Euler angles (N, 3), rad, of rotation vectors (N, 3), close to angles named before.
 
-    Every rotation has two sets of angles, in gimbal lock any number: those are taken that meet
-    ``named`` (N, 3), nan where an angle is not. Without any they are as of :func:`to_euler`.
+    Every rotation has two sets of angles, in gimbal lock any number: the set closest to
+    ``named`` (N, 3) is taken, nan where an angle is not named. Without any, as :func:`to_euler`.
 
     Returns:
-        the angles, and rows in gimbal lock whose first and third angle nobody named (N,).
+        the angles, and rows in gimbal lock without first and third angle named (N,).
     """
     own, locked = to_euler(vector, convention)
     order = convention.removeprefix("euler-")
@@ -88,9 +88,9 @@ def euler_like(vector: Array, named: Array, convention: str) -> tuple[Array, Boo
 
 
 def vector_like(vector: Array, near: Array) -> Array:
-    """Return the rotation vectors (N, 3) of the same turns nearest to another one (3,), rad.
+    """Return the rotation vectors (N, 3) of the same rotations closest to another one (3,), rad.
 
-    About half a turn they flip from one end to the other; beyond it each has a second one.
+    Near half a turn they flip between opposite ends; beyond it each has a second one.
 
     >>> vector_like(np.array([[-3.0, 0.0, 0.0]]), np.array([3.1, 0.0, 0.0]))[:, 0].round(3).tolist()
     [3.283]
@@ -123,7 +123,7 @@ def euler_rates(angles: Array, convention: str) -> Array:
     from scipy.spatial.transform import Rotation
 
     order = convention.removeprefix("euler-")
-    # each turn's axis is carried by those that are outside of it
+    # the axis of each rotation is carried by those outside it
     outside = (2, 1, 0) if order.islower() else (0, 1, 2)
     out, carried = np.zeros((len(angles), 3, 3)), Rotation.identity(len(angles))
     for i in outside:

@@ -1,4 +1,4 @@
-"""Why a machine is singular at home, where its points say so: no other home pose would help."""
+"""Why a machine is singular at home, if due to its points: then no other home pose would help."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 
 FLAT = 1e-3
-"""Points are in one point, line or plane where they leave it by less than this part of reach."""
+"""Points lie at one point, line or plane if they are off it by less than this part of the reach."""
 
 
 def singular_structure(mechanism: Mechanism) -> str:
-    """Return in words which points leave the platform free, empty where none do.
+    """Return in words which points leave the platform free, empty if none do.
 
-    Only of machines whose limbs all go from a point of the base to one of the platform.
+    Only for machines all of whose limbs go from a point of the base to one of the platform.
     """
     values = [limb.slots.values(mechanism.values) for limb in mechanism.limbs]
     ends = ("base", "platform")
@@ -27,12 +27,11 @@ def singular_structure(mechanism: Mechanism) -> str:
     motion = mechanism.motion
     size = FLAT * mechanism.reach
     if motion.turns and _dimensions(hooks, size) == 0:
-        return "all limbs hold the platform in one point, about which nothing keeps it from turning"
+        return "all limbs hold the platform at one point, about which it can turn freely"
     if motion.turns_freely and _dimensions(hooks, size) == 1:
-        return ("all limbs hold the platform on one line, about which nothing keeps it from "
-                "turning")
+        return "all limbs hold the platform on one line, about which it can turn freely"
     if _dimensions(anchors, size) == 0:
-        return "all anchors are in one point, about which the platform swings"
+        return "all anchors are at one point, about which the platform can swing"
     home = np.asarray(cga.move_point(mechanism.home[None], hooks))
     every = np.concatenate([anchors, home])
     axes = motion.axes
@@ -43,6 +42,6 @@ def singular_structure(mechanism: Mechanism) -> str:
 
 
 def _dimensions(points: Array, size: float) -> int:
-    """Return of how many dimensions a set of points (n, 3) is: 0 a point, 1 a line, 2 a plane."""
+    """Return the number of dimensions of a set of points (n, 3): 0 a point, 1 a line, 2 a plane."""
     away = points - points.mean(axis=0)
     return int((linalg.singular_values(away) > size * np.sqrt(len(points))).sum())

@@ -1,9 +1,9 @@
-"""Where every joint and bar of a machine stands: what a drawing to scale is made of.
+"""Positions of every joint and bar of a machine, for drawings to scale.
 
-The chains of a limb are walked step by step. What no chain holds are the passive joints between
-them, and those follow from what the limb's surface is: a point on a sphere turns the middle chain
-towards the platform, a point on a plane of the base slides it along, a plane of the platform turns
-it with the platform. So a new kind of limb is drawn as it is declared.
+The chains of a limb are followed step by step. The passive joints between the chains
+follow from the limb's surface: a point on a sphere turns the middle chain towards the
+platform, a point on a plane of the base slides it along, a plane of the platform turns
+it with the platform. So a new kind of limb is drawn from its declaration.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ppmcal.model.limbs.chain import Chain, ChainStep, U, Values
 GUIDE = "slide"
 """Name of a passive slide among the links of a limb."""
 FOLD = "hinged bars"
-"""Name of what passive hinges of parallel axes span, whose bars no slot tells."""
+"""Name of what passive hinges with parallel axes span, whose bars are in no slot."""
 
 
 @dataclass(frozen=True)
@@ -32,10 +32,10 @@ class PlacedJoint:
     """One joint of a limb in N poses.
 
     Attributes:
-        number: from the base, 1 on; kind: R, P, U, S or Pa, empty where its name has no letter.
+        number: from the base, starting at 1; kind: R, P, U, S or Pa, empty if its name has none.
         driven: whether the actuator moves it.
         centre: (N, 3), m, base axes.
-        axis: unit direction of its own z axis (N, 3): hinge or slide; of U and S it has no meaning.
+        axis: unit direction of its own z axis (N, 3): hinge or slide; meaningless for U and S.
     """
 
     KEYS: ClassVar = ("number", "kind", "driven")
@@ -51,7 +51,7 @@ class PlacedJoint:
 class Link:
     """A straight piece of a limb in N poses, from ``start`` to ``end`` (N, 3), m, base axes.
 
-    ``name`` is the slot whose length it is, ``u`` for a driven slide, :data:`GUIDE` for a passive
+    ``name`` is the slot of its length, ``u`` for a driven slide, :data:`GUIDE` for a passive
     one, :data:`FOLD` between hinges, ``joint2`` for the frame error of a joint.
     """
 
@@ -74,9 +74,9 @@ class Drive:
     Attributes:
         prismatic: whether it slides.
         u: joint coordinate (N,), m or rad.
-        centre: of the joint where u = 0 for a slide, of the crank for a hinge (N, 3), m.
-        axis: unit direction in which, or about which, u grows (N, 3).
-        zero: where the next piece ends at u = 0 (N, 3), m; the centre for a slide.
+        centre: of the joint at u = 0 for a slide, of the crank for a hinge (N, 3), m.
+        axis: unit direction along which, or about which, u grows (N, 3).
+        zero: end of the next piece at u = 0 (N, 3), m; the centre for a slide.
     """
 
     prismatic: bool
@@ -92,10 +92,10 @@ class LimbSkeleton:
 
     Attributes:
         name, kind: of the limb.
-        base_point, platform_point: where it is held (N, 3), m, base axes.
-        joints: from the base on; links: each begins where the one before ends, from the base's
+        base_point, platform_point: its attachment points (N, 3), m, base axes.
+        joints: from the base on; links: each begins at the end of the previous one, from the base's
             joint to the platform's point.
-        drive: its driven joint, None where no step says that it is driven.
+        drive: its driven joint, None if no step is marked as driven.
         gap: distance between the ends of both sides (N,), m; round-off at a closed pose.
         ends: of the base's side and of the platform's, between which the gap is (N, 3) each, m.
     """
@@ -119,7 +119,7 @@ class LimbSkeleton:
 
 @dataclass(frozen=True)
 class _Placed:
-    """One step of a chain, with the motors (N, 8) to base axes before and behind it."""
+    """One step of a chain, with the motors (N, 8) to base axes before and after it."""
 
     step: ChainStep
     before: Array
@@ -190,7 +190,7 @@ def _end(placed: list[_Placed], root: Array) -> Array:
 
 def _middle_root(kind: LimbKind, values: Values, start: Array, held: Array, middle: Array
                  ) -> tuple[Array, str]:
-    """Return where the middle chain begins (N, 8), behind what the passive joints span, by name.
+    """Return the start of the middle chain (N, 8), and the name of what passive joints span to it.
 
     Args:
         kind: of the limb.
@@ -222,7 +222,7 @@ def _middle_root(kind: LimbKind, values: Values, start: Array, held: Array, midd
 
 
 def _free_axes(kind: LimbKind, plane: str) -> list[int]:
-    """Return along which local axes passive joints move on, in planes of that form or in space."""
+    """Return the local axes along which passive joints move, in planes of that form or in space."""
     if kind.planar or not kind.surface.forms:
         return [0]
     return [k for k in range(3) if k not in {f.axis for f in kind.surface.forms
@@ -233,7 +233,7 @@ def _shortest_turn(a: Array, b: Array) -> Array:
     """Return rotors (N, 8) that carry the direction of ``a`` (N, 3) onto that of ``b``."""
     normal = np.cross(a, b)
     sine, cosine = np.linalg.norm(normal, axis=-1, keepdims=True), np.sum(a * b, -1, keepdims=True)
-    # straight back: about any axis that is square to a
+    # straight back: about any axis perpendicular to a
     other = np.cross(a, np.eye(3)[np.argmin(np.abs(a), axis=-1)])
     axis = np.where(sine > 0.0, normal, np.where(cosine < 0.0, other, 0.0))
     size = np.linalg.norm(axis, axis=-1, keepdims=True)
@@ -242,7 +242,7 @@ def _shortest_turn(a: Array, b: Array) -> Array:
 
 
 def _links(placed: list[_Placed], values: Values) -> list[Link]:
-    """Return the pieces by which steps move on; a driven slide is one also at u = 0."""
+    """Return the pieces spanned by steps, including a driven slide at u = 0."""
     out: list[Link] = []
     for p in placed:
         if _slides(p.step, values) or np.any(cga.translation(p.step.motor(values)) != 0.0):
@@ -258,13 +258,13 @@ def _slides(step: ChainStep, values: Values) -> bool:
 
 
 def _joints(kind: LimbKind, values: Values, steps: list[_Placed]) -> tuple[PlacedJoint, ...]:
-    """Return the joints, with the letters that the kind's name has for them."""
+    """Return the joints, with their letters in the kind's name."""
     letters = re.findall(r"\(?[A-Z]a?\)?", kind.name)
     out = []
     for p in (p for p in steps if p.step.joint):
         number = int(p.step.slots[0].name.partition(".")[0].removeprefix("joint"))
         letter = letters[number - 1] if number <= len(letters) else ""
-        # the last of its slots turns it about its own z axis
+        # the last of its slots is the rotation about its own z axis
         own = np.asarray(dict(p.step.twists(values))[p.step.slots[-1].name], dtype=float)[..., :3]
         out.append(PlacedJoint(number, letter.strip("()"), "(" in letter,
                                cga.translation(p.after), _turned(p.before, own)))
@@ -276,7 +276,7 @@ def _turned(motor: Array, direction: Array) -> Array:
 
 
 def _drive(kind: LimbKind, values: Values, steps: list[_Placed]) -> Drive | None:
-    """Return the step that is driven, with where the limb would go on at u = 0."""
+    """Return the driven step, with where the limb would continue at u = 0."""
     for place, p in enumerate(steps):
         if not p.step.drive:
             continue
@@ -285,11 +285,11 @@ def _drive(kind: LimbKind, values: Values, steps: list[_Placed]) -> Drive | None
         own = twist[..., 3:] if slides else twist[..., :3]
         axis, centre = _turned(p.before, own), cga.translation(p.before)
         size = np.linalg.norm(axis, axis=-1, keepdims=True)
-        if kind.pulley:     # as if what lies on the pulley went on straight
+        if kind.pulley:     # as if the rope on the pulley continued straight
             centre = cga.translation(p.after) - np.asarray(values[U])[:, None] * axis
         zero = centre
         for following in steps[place + 1:]:
-            # the drive's own motion taken back
+            # without the drive's own motion
             ahead = cga.compose(cga.reverse(p.after), following.after)
             zero = cga.translation(cga.compose(p.before, ahead))
             if np.any(np.linalg.norm(zero - centre, axis=-1) > 1e-9):

@@ -1,7 +1,7 @@
 """Kinematics of tables of poses: status row by row, paths checked for singularities.
 
 Platform poses of joint values come from Newton on the closure (:mod:`kinematics.forward`) unless
-the caller brings others (:mod:`ppmcal.design.intersection`).
+the caller passes others (:mod:`ppmcal.design.intersection`).
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ from ppmcal.wording.progress import stage
 SINGULAR = 0.02
 """A pose counts as singular below this part of the singular value at home."""
 SINGULAR_HOME = 0.02
-"""A home below this singular value needs a look; sound ones have 0.1 to 1."""
+"""A home below this singular value is a finding; sound ones have 0.1 to 1."""
 LOST_HOME = SINGULAR * SINGULAR_HOME
-"""A home below this does not measure other poses: it would count as singular itself."""
+"""A home below this is no reference for other poses: it would count as singular itself."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class KinematicsTable:
 
     Attributes:
         q: joint values (N, k); pose: full poses (N, 6) x, y, z, rotation vector.
-        rate: joint rates (N, k), nan where not asked for.
+        rate: joint rates (N, k), nan if not requested.
         singular_value: the smallest of A (see :func:`forward.smallest_singular_value`).
         status: ``ok``, ``unreachable``, ``limits``, ``singular``, ``crossed``, ``jump`` or
             ``not converged``; reason in words, empty for ``ok``.
@@ -74,8 +74,8 @@ def inverse_table(model: Model, coordinates: Array, rows: Environment | None = N
         model: the machine at its parameters.
         coordinates: poses (N, 6) in the base frame, m and rad; nan is an open coordinate.
         rows: the environment that the machine's effects depend on.
-        convention: which point's poses they are and how their rotations are written  [default:
-            the platform origin's, as rotation vectors].
+        convention: the point of the poses and the form of their rotations  [default: the
+            platform origin, rotation vectors].
 
     Returns:
         Joint values and the platform's own poses, as rotation vectors.
@@ -86,7 +86,7 @@ def inverse_table(model: Model, coordinates: Array, rows: Environment | None = N
 
 
 def tool_poses(model: Model, pose: Array, tool: Array) -> Array:
-    """Return where the tool point (3,), m in platform axes, is: poses (N, 6) of platform ones."""
+    """Return the poses (N, 6) of the tool point (3,), m in platform axes, from platform ones."""
     out = np.full_like(pose, np.nan)
     good = finite_rows(pose)
     out[good] = measured_pose(PoseConvention(tool).registration,
@@ -103,7 +103,7 @@ def forward_table(model: Model, q: Array, rows: Environment | None = None,
         model: the machine at its parameters.
         q: joint values (N, k), m or rad (bare numbers with a drive ratio).
         rows: the environment that the machine's effects depend on.
-        found: the geometry's poses where they are known already.
+        found: the geometry's poses, if already known.
     """
     found = found or forward(model, q)
     status = ["ok" if c else "not converged" for c in found.converged]
@@ -133,8 +133,8 @@ def velocity_table(
     A twist + Jq rate = 0 ([IK] eq. 32 and 49). A machine with fewer actuators than pose
     coordinates takes as many velocity components as it has actuators, the others nan; they
     follow from the closure. Effects (``environment``) change the joints, not the rates. Poses and
-    velocities are those of the point that ``convention`` says, as in :func:`inverse_table`; the
-    twist's second half is the angular velocity in base axes, however rotations are written.
+    velocities are those of the point in ``convention``, as in :func:`inverse_table`; the
+    second half of the twist is the angular velocity in base axes, however rotations are written.
     """
     table = inverse_table(model, coordinates, environment, convention)
     rows = np.flatnonzero([s == "ok" for s in table.status])
@@ -167,7 +167,7 @@ def velocity_table(
 
 
 def _origin_twist(pose: Array, tool: Array) -> Array:
-    """Return (N, 6, 6) that makes the twist of the platform origin of that of the tool point."""
+    """Return (N, 6, 6), which maps the twist of the tool point to that of the platform origin."""
     out = np.tile(np.eye(6), (len(pose), 1, 1))
     # v = v_tool - w x r = v_tool + r x w
     out[:, :3, 3:] = cross_matrix((cga.rotation_matrix(pose) @ tool[:, None])[..., 0])
@@ -175,9 +175,9 @@ def _origin_twist(pose: Array, tool: Array) -> Array:
 
 
 def with_joints(mechanism: Mechanism, data: Dataset) -> Dataset:
-    """Return the data set with commanded poses turned into joints by the nominal machine.
+    """Return the data set with commanded poses converted to joints by the nominal machine.
 
-    Rows that the nominal machine cannot reach keep nan joints, and so are reported later.
+    Rows that the nominal machine cannot reach keep nan joints, and are reported later.
     """
     if data.commanded is None:
         return data
@@ -226,7 +226,7 @@ def _judged(
 
 
 def limit_reason(mechanism: Mechanism, q: Array) -> str:
-    """Return which joint of one row (k,) is outside its limits, empty if none."""
+    """Return which joint of one row (k,) is outside its limits, empty if none is."""
     for name, value, (low, high), (factor, unit) in zip(
             mechanism.actuators, q, mechanism.limits, mechanism.joint_units, strict=True):
         if value < low or value > high:
@@ -236,7 +236,7 @@ def limit_reason(mechanism: Mechanism, q: Array) -> str:
 
 
 def refuse_singular_home(mechanism: Mechanism) -> None:
-    """Refuse a machine whose home tells nothing of the distance from singularities.
+    """Refuse a machine whose home is no reference for the distance from singularities.
 
     Raises:
         NoResult: home is singular.
@@ -261,7 +261,7 @@ def home_singular_value(mechanism: Mechanism) -> tuple[float, float]:
 
 @stage("following the path")
 def _mark_jumps(model: Model, q: Array, pose: Array, status: list[str], reason: list[str]) -> None:
-    """Mark rows at which a path from the row before ends in another pose than from home."""
+    """Mark rows at which a path from the previous row ends in another pose than one from home."""
     good = np.array([s == "ok" for s in status])
     rows = np.flatnonzero(good[1:] & good[:-1]) + 1
     if not rows.size:
@@ -275,14 +275,14 @@ def _mark_jumps(model: Model, q: Array, pose: Array, status: list[str], reason: 
                                       start_q=q[lost - 1])
         known = finite_rows(led)
     for n in rows[~known]:
-        status[n], reason[n] = "crossed", "the way from the row before meets a singularity"
+        status[n], reason[n] = "crossed", "the way from the previous row meets a singularity"
     there = rows[known]
     if there.size:
         away = cga.motor_log(cga.compose(cga.reverse(pose[there]), led[known]))
         turn, way = (np.linalg.norm(part, axis=-1) for part in (away[:, :3], away[:, 3:]))
         for n in there[np.hypot(turn, way / model.mechanism.length_scale) > 1e-6]:
             status[n] = "jump"
-            reason[n] = "the way from the row before leads to another assembly mode"
+            reason[n] = "the way from the previous row leads to another assembly mode"
 
 
 __all__ = [

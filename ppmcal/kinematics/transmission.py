@@ -1,4 +1,4 @@
-"""How well a limb's joint moves the platform, and where limbs come too near to each other."""
+"""How well a limb's joint moves the platform, and where limbs get too close to each other."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ppmcal.model.mechanism import PASSIVE
 def transmissions_at(model: Model, pose: Array, q: Array) -> tuple[Array, Array]:
     """Return how well each limb's joint moves the platform (N, L), and both roots (N, L, 2).
 
-    A pure number, 0 at a dead point (serial singularity: stretched, folded or square to its rail),
+    Dimensionless, 0 at a dead point (serial singularity: stretched, folded or square to its rail),
     1 at best: the sine of the joint's angle from it, or, for a prismatic joint, the part of its
     motion that goes along the strut. nan where a limb cannot reach, or has no drive.
 
@@ -40,13 +40,13 @@ def transmissions_at(model: Model, pose: Array, q: Array) -> tuple[Array, Array]
 
 @dataclass(frozen=True)
 class Interference:
-    """Two limbs that come too near to each other.
+    """Two limbs that get too close to each other.
 
     Attributes:
-        limbs: their indices; joints: whether joints of theirs do, else links.
-        distance: of the nearest two (N,), m; nan where none are near.
+        limbs: their indices; joints: whether their joints do, else links.
+        distance: of the closest two (N,), m; nan where none are close.
         place: halfway between them (N, 3), m, base axes.
-        fixed: whether they are so at every pose, as two joints on one body are.
+        fixed: whether this is so at every pose, as for two joints on one body.
     """
 
     limbs: tuple[int, int]
@@ -58,15 +58,14 @@ class Interference:
 
 def interferences(limbs: Sequence[LimbSkeleton], near: float,
                   actuators: Sequence[int]) -> list[Interference]:
-    """Return the pairs of limbs whose joints or links are nearer than ``near`` m somewhere.
+    """Return the pairs of limbs whose joints or links are closer than ``near`` m somewhere.
 
-    Links that end in joints which are near count as those joints. Passive slides and what hinges
-    span are not links, and
-    limbs of one actuator belong together.
+    Links that end in joints which are close count as those joints. Passive slides and spans of
+    hinges are not links, and limbs of one actuator belong together.
 
     Args:
         limbs: as :func:`ppmcal.kinematics.skeleton.skeleton` returns them, N poses.
-        near: what is too near, m.
+        near: distance that is too close, m.
         actuators: of each limb.
     """
     out = []
@@ -94,7 +93,7 @@ def interferences(limbs: Sequence[LimbSkeleton], near: float,
 
 
 def _nearest(distance: Array, place: Array, near: float) -> tuple[Array, Array, bool] | None:
-    """Return distance (N,) and place (N, 3) of the nearest of (N, J, K) pairs, if any is near."""
+    """Return distance (N,) and place (N, 3) of the closest of (N, J, K) pairs, if any is close."""
     rows = np.arange(len(distance))
     flat = distance.reshape(len(rows), -1)
     which = np.argmin(flat, axis=1)
@@ -107,7 +106,7 @@ def _nearest(distance: Array, place: Array, near: float) -> tuple[Array, Array, 
 
 
 def _apart(one: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Return the distance of two straight pieces (N,) and the middle between them (N, 3).
+    """Return the distance of two straight pieces (N,) and the midpoint between them (N, 3).
 
     Each is (start, end), (N, 3). The ends are clamped in turn: exact for pieces in any position.
     """

@@ -1,10 +1,10 @@
-"""Straight ways from pose to pose: whether limits hold in between, and no singularity is met.
+"""Straight ways from pose to pose: whether limits hold in between and no singularity is met.
 
-On its way the platform's origin goes straight and the platform turns evenly; of a machine with
-fewer actuators than coordinates so go those that a command names. A way is looked at in the middle,
-then in the middle of what is not settled, and so on. A stretch is settled where A cannot become
-singular in it: its smallest singular value changes by no more than A itself (Weyl), so that it
-stays above the mean of both ends' less LEEWAY |A1 - A0|; and where the joints bend little and keep
+On the way the platform's origin moves straight and the platform rotates evenly; for a machine with
+fewer actuators than coordinates this holds for those that a command names. A way is examined at its
+middle, then at the middle of each unsettled stretch, and so on. A stretch is settled if A cannot
+become singular in it: its smallest singular value changes by no more than A itself (Weyl), so that
+it stays above the mean of both ends less LEEWAY |A1 - A0|; and if the joints bend little and stay
 off their limits by half a step.
 """
 
@@ -25,18 +25,18 @@ from ppmcal.linalg import Array, Bools, Ints, determinant, finite_rows, singular
 from ppmcal.model.mechanism import Mechanism
 
 SHORT = 0.01
-"""Of the reach, and of a radian: on shorter stretches joints are taken not to bend."""
+"""Relative to the reach, and a radian: on shorter stretches joints are assumed not to bend."""
 BENT = 0.25
-"""Joints bend little where the middle is off the line of both ends by this part of their step."""
+"""Joints bend little if the middle is off the line of both ends by this part of their step."""
 LEEWAY = 0.75
 DEEPEST = 9
-"""Halvings of a way; what is sound at all of 512 places passes."""
+"""Halvings of a way; one that is sound at all of 512 places passes."""
 CHUNK = 2048
 
 
 @dataclass(frozen=True)
 class _Places:
-    """The machine at N places: joints (N, k), A with rotations as arcs, and what it is like."""
+    """The machine at N places: joints (N, k), A with rotations as arcs, and its singular values."""
 
     pose: Array
     q: Array
@@ -57,16 +57,16 @@ class _Places:
 class Ways:
     """Straight ways between the rows of a table.
 
-    ``q`` (N, k): joint values of the geometry at the rows' poses; ``added``: what effects add.
+    ``q`` (N, k): joint values of the geometry at the rows' poses; ``added``: those of effects.
     """
 
     def __init__(self, mechanism: Mechanism, pose: Array, q: Array) -> None:
-        """Take the rows.
+        """Prepare the rows.
 
         Args:
-            mechanism: the machine; effects move its joints as they do at both ends of a way.
+            mechanism: the machine; effects shift its joints by their values at both ends of a way.
             pose: of the platform in the base frame, motors (N, 8).
-            q: joint values that are sent there (N, k).
+            q: joint values sent there (N, k).
         """
         self.mechanism = replace(mechanism, effects=())
         self.model = Model(self.mechanism)
@@ -83,7 +83,7 @@ class Ways:
     def judged(self, before: Ints, after: Ints) -> dict[int, str]:
         """Return what is wrong with ways from rows ``before`` to rows ``after`` (M,).
 
-        Place in the list of ways -> reason; those that are sound are not there.
+        Index in the list of ways -> reason, without sound ways.
         """
         out: dict[int, str] = {}
         for start in range(0, len(before), CHUNK):
@@ -120,7 +120,7 @@ class Ways:
             part = np.stack([np.concatenate([part[0], half]), np.concatenate([half, part[1]])])
 
     def _added(self, before: Ints, after: Ints, part: Array) -> Array:
-        """Return what effects add to the joints on the way (M, k)."""
+        """Return the effects' contribution to the joints on the way (M, k)."""
         t = part[:, None]
         return np.asarray((1.0 - t) * self.added[before] + t * self.added[after])
 
@@ -195,7 +195,7 @@ class Ways:
 
 
 def between(start: Array, end: Array, part: Array) -> Array:
-    """Return motors (M, 8) that part of the way: straight, and turned evenly."""
+    """Return motors (M, 8) at a part of the way: straight, with even rotation."""
     t = part[:, None]
     turn = cga.rotation_vector(cga.compose(cga.reverse(start), end))
     rotor = start.copy()

@@ -127,12 +127,12 @@ def test_two_exchanged_columns_are_named(tree, pairs, tmp_path):
         assert any("are exchanged" in f for f in ppmcal.check(path, found).findings)
 
 
-@pytest.mark.long_cases("rope_cage-all limbs hold the platform in one point")
+@pytest.mark.long_cases("rope_cage-all limbs hold the platform at one point")
 @pytest.mark.parametrize(("tree", "cause"), [
-    (cables, "all limbs hold the platform in one point"),
-    (rope_cage, "all limbs hold the platform in one point"),
+    (cables, "all limbs hold the platform at one point"),
+    (rope_cage, "all limbs hold the platform at one point"),
     (belts, "all anchors lie in one line with the platform at home")])
-@pytest.mark.slow_cases("cables-all limbs hold the platform in one point")
+@pytest.mark.slow_cases("cables-all limbs hold the platform at one point")
 def test_points_that_leave_the_platform_free(tree, cause, tmp_path):
     _, data = measured(tmp_path, tree())
     file = tree()

@@ -114,7 +114,7 @@ def test_regardless_sends_no_machine_farther_than_tolerances_explain() -> None:
     made = ppmcal.compensate(mechanism, targets, frame="base", path=False, regardless=True)
     far = [r for _, r in made.refused if "that far from its drawing" in r]
     assert far
-    assert all("larger tolerances (--regardless does not lift this)" in r for r in far)
+    assert all("larger tolerances (--regardless does not override this)" in r for r in far)
     assert np.isnan(made.compensation.q[[n - 1 for n, r in made.refused if r in far]]).all()
     for command in ("compensate", "export"):
         said = " ".join(run_command(command, "--help", cwd=ROOT, expect=0).out.split())

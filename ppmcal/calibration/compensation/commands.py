@@ -1,8 +1,8 @@
-"""Corrected commands: what to send so that the real machine goes where it is wanted.
+"""Corrected commands: what to send so that the real machine goes to the wanted poses.
 
-The identified machine's inverse kinematics is the correction. Besides the commands it
-tells what error the uncorrected ones would give, what is left after correction, and how
-well the data know it; rows that would be unsafe are refused, each with its reason.
+The identified machine's inverse kinematics is the correction. Besides the commands this
+gives the error of the uncorrected ones, the error left after correction, and the
+uncertainty of both; unsafe rows are refused, each with its reason.
 """
 
 from __future__ import annotations
@@ -43,24 +43,24 @@ from ppmcal.model.registration import Registration
 from ppmcal.wording.progress import stage
 
 NOTHING = 1e-9
-"""Errors and steps below this part of the reach, or of a radian, are arithmetic."""
+"""Errors and steps below this part of the reach, or of a radian, are round-off."""
 UNKNOWN = "the model's uncertainty there cannot be predicted"
 KINDS = {"position": "length", "rotation": "angle"}
-"""Errors that are reported, each by itself, and their quantity."""
+"""Kinds of error that are reported separately, and their quantity."""
 
 
 @dataclass(frozen=True)
 class Compensation:
     """Commands for N wanted poses, SI; nan where refused.
 
-    ``command`` is the pose to ask of a controller that uses the nominal geometry; ``seen``
+    ``command`` is the pose to command on a controller that uses the nominal geometry; ``seen``
     (N, 6) the wanted pose as measured, open coordinates solved for; ``pose`` (N, 6) that of the
     platform in the base frame. ``position_before`` ... ``rotation_after``: errors of the nominal
     and of the corrected commands if the model is exact (N,), m and rad; ``sigma_position``,
-    ``sigma_rotation``: the model's own standard deviation at the corrected commands,
+    ``sigma_rotation``: the model's standard uncertainty at the corrected commands,
     ``sigma_position_before``, ``sigma_rotation_before`` at the nominal ones (N,), nan: unknown.
-    ``frame``: the part of ``sigma_position`` and of ``sigma_rotation`` (N,) by how well it is told
-    where the base axes are; None: nothing defines them.
+    ``frame``: the part of ``sigma_position`` and of ``sigma_rotation`` (N,) due to the definition
+    of the base axes; None: nothing defines them.
     """
 
     q: Array
@@ -81,11 +81,10 @@ class Compensation:
     frame: tuple[Array, Array] | None = None
 
     def expected(self, kind: str) -> tuple[Array, Array]:
-        """Return the rms errors (N,) to expect of nominal and of corrected commands, m or rad.
+        """Return the expected rms errors (N,) of nominal and of corrected commands, m or rad.
 
-        What is not known of the model is not known of either: both have it. Where it is unknown
-        how much that is, what is left of corrected commands is nan, and the nominal ones' error is
-        that of an exact model.
+        Both include the uncertainty of the model. Where that is unknown, the error of corrected
+        commands is nan, and that of nominal ones is the error of an exact model.
 
         Args:
             kind: ``position`` or ``rotation``.
@@ -95,9 +94,9 @@ class Compensation:
                 np.hypot(getattr(self, f"{kind}_after"), getattr(self, f"sigma_{kind}")))
 
     def parts(self, kind: str) -> tuple[float | None, float | None]:
-        """Return rms over the commands of the frame's and of the machine's part of the sigma.
+        """Return the frame's and the machine's part of the sigma, rms over the commands.
 
-        Argument as that of :meth:`expected`; None: unknown, or nothing defines the base axes.
+        Argument as for :meth:`expected`; None: unknown, or nothing defines the base axes.
         """
         rows = finite_rows(self.q)
         if self.frame is None or not rows.any():
@@ -109,7 +108,7 @@ class Compensation:
     def rms(self, kind: str) -> tuple[float | None, float | None, float | None]:
         """Return rms over the commands, m or rad: expected before and after, the model's sigma.
 
-        None: unknown, or no command. Argument as that of :meth:`expected`.
+        None: unknown, or no command. Argument as for :meth:`expected`.
         """
         before, after = self.expected(kind)
         rows = finite_rows(self.q) & np.isfinite(before + getattr(self, f"{kind}_after"))
@@ -134,11 +133,11 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
         registration: frame and target; ``Registration()`` for platform poses in the base frame.
         knowledge: covariance and measured volume, None where not available.
         dataset: name of the data set that ``registration`` belongs to.
-        columns: what effects depend on, as in :func:`ppmcal.model.dataset.environment`.
+        columns: variables that effects depend on, as in :func:`ppmcal.model.dataset.environment`.
         sequence: targets are visited in order, which gives the directions of approach.
 
     An instrument's own error (its scale, say) is not commanded into the machine: targets are
-    true positions in its frame. What moved in mid-run is taken as it was at the end.
+    true positions in its frame. Events in mid-run are taken as at the end of the run.
     """
     k = len(mechanism.actuators)
     model, nominal = Model(mechanism), Model(mechanism.nominal())
@@ -150,26 +149,26 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
     ordered = sequence or "time" in columns
     rough = inverse_table(nominal, full).q if ordered else np.full((len(full), k), np.nan)
     rows = environment(columns, mechanism.actuators, mechanism.gravity, rough, sequence)
-    # effects move the surface of a machine with fewer actuators than coordinates: what was left
-    # open stays open, or the pose would be off it
+    # effects move the surface of a machine with fewer actuators than coordinates: open coordinates
+    # stay open, or the pose would be off that surface
     open_ = (np.isnan(wanted) & np.isin(np.arange(6), mechanism.dof)).any(axis=1)
     asked, seen_by = full, PoseConvention()
     if mechanism.effects and open_.any():
         asked, seen_by = wanted, PoseConvention(seen=registration)
     table = inverse_table(model, asked, rows, seen_by)
     if rows.history is not None and remembers(mechanism):
-        # what remembers the way follows the joints that are sent, not the nominal ones
+        # effects that depend on the way follow the joints that are sent, not the nominal ones
         sent = np.where(finite_rows(table.q)[:, None], table.q, rough)
         rows = environment(columns, mechanism.actuators, mechanism.gravity, sent, sequence)
         table = inverse_table(model, asked, rows, seen_by)
     if asked is wanted:
         full = np.where((open_ & finite_rows(table.pose))[:, None], table.pose, full)
-        failed = [""] * len(full)   # that was of the machine without its effects
+        failed = [""] * len(full)   # these were for the machine without its effects
     refused = {n: f or r for n, (f, s, r) in enumerate(zip(
         failed, table.status, table.reason, strict=True)) if f or s != "ok"}
 
     def refuse(found: Iterable[tuple[int, str]]) -> Bools:
-        """Refuse rows that are not refused yet; return those that are left (N,)."""
+        """Refuse rows that are not yet refused; return those that remain (N,)."""
         for n, reason in found:
             refused.setdefault(n, reason)
         return np.array([n not in refused for n in range(len(full))])
@@ -186,7 +185,7 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
     good = refuse(_unexplained(model, nominal, registration, full, q_nominal, rows, before, good))
     sigma = pose_sigma(model, before_events, full, table.q, good, knowledge, dataset, rows)
     if knowledge is not None:
-        # whose uncertainty cannot be computed
+        # rows whose uncertainty cannot be computed
         good = refuse((n, UNKNOWN) for n in np.flatnonzero(
             ~(np.isfinite(sigma[0]) & np.isfinite(sigma[1]))).tolist())
     sigma_before = pose_sigma(model, before_events, reached, q_nominal,
@@ -207,12 +206,12 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
 def _uncorrected(model: Model, nominal: Model, registration: Registration,
                  believed: Registration, full: Array, wanted: Array, rows: Environment
                  ) -> tuple[tuple[Array, Array], Array, Array]:
-    """Errors (N,) of the nominal commands, poses reached by them (N, 6), and they (N, k).
+    """Errors (N,) of the nominal commands, poses they reach (N, 6), and the commands (N, k).
 
     Errors of position and rotation, if the model is exact; poses in the base frame.
 
-    The nominal machine is asked for the wanted pose in the frame in which it fits the
-    measurements best, ``believed``; what its closure does not allow is left to it.
+    The nominal machine is sent to the wanted pose in the frame in which it fits the
+    measurements best, ``believed``; coordinates that its closure does not allow stay open.
     """
     asked, _ = wanted_poses(nominal, believed, wanted)
     if nominal.mechanism.dependent:
@@ -225,11 +224,11 @@ def _uncorrected(model: Model, nominal: Model, registration: Registration,
 def _unexplained(model: Model, nominal: Model, registration: Registration, full: Array,
                  q_nominal: Array, rows: Environment, before: tuple[Array, Array], good: Bools
                  ) -> Iterator[tuple[int, str]]:
-    """Yield rows whose commands go farther from the uncorrected ones than tolerances explain.
+    """Yield rows whose commands differ more from the uncorrected ones than tolerances explain.
 
-    Whatever the fit promises: a machine is not that far from its drawing, numbers are wrong then.
-    What named effects do is explained by them; what was learned claims no cause. ``before``:
-    errors (N,) of the nominal commands ``q_nominal``; ``good``: rows that are asked (N,).
+    Whatever the fit promises: no machine is that far from its drawing, so some number is wrong.
+    Named effects explain what they do; learned ones claim no cause. ``before``:
+    errors (N,) of the nominal commands ``q_nominal``; ``good``: rows to examine (N,).
     """
     mechanism = model.mechanism
     bare = replace(mechanism, effects=tuple(e for e in mechanism.effects if e.kind.name == LEARNED))
@@ -241,7 +240,7 @@ def _unexplained(model: Model, nominal: Model, registration: Registration, full:
         return
     sigma = tolerance_sigma(nominal, registration, full[at], q_nominal[at])
     units, least = mechanism.units, NOTHING * np.array([mechanism.reach, 1.0])
-    # a row that does both is said to turn too far
+    # if a row exceeds both, the rotation is reported
     for i, quantity in ((1, "angle"), (0, "length")):
         factor, unit = units.factor(quantity), units.name(quantity)
         for n, off, size in zip(at.tolist(), before[i][at].tolist(), sigma[i].tolist(),
@@ -251,14 +250,14 @@ def _unexplained(model: Model, nominal: Model, registration: Registration, full:
                     f"is {off / factor:.4g} {unit} from the uncorrected command, where the "
                     f"tolerances explain {size / factor:.2g} {unit} (1 sigma): no machine "
                     f"within {IMPLAUSIBLE:.0f} tolerances is that far from its drawing; "
-                    "if this one is, give its file larger tolerances (--regardless does not lift "
-                    "this)")
+                    "if this one is, give its file larger tolerances (--regardless does not "
+                    "override this)")
 
 
 @stage("predicting errors with correction")
 def _after(model: Model, nominal: Model, registration: Registration, q: Array, full: Array,
            good: Bools, rows: Environment) -> tuple[Array, Array, Array]:
-    """Corrected pose command of the nominal model (N, 6), and errors left (N,) each."""
+    """Corrected pose command of the nominal model (N, 6), and remaining errors (N,) each."""
     command = np.full_like(full, np.nan)
     position, rotation = np.full(q.shape[0], np.nan), np.full(q.shape[0], np.nan)
     if good.any():
@@ -270,7 +269,7 @@ def _after(model: Model, nominal: Model, registration: Registration, q: Array, f
 
 
 def _errors(registration: Registration, real: Array, ideal: Array) -> tuple[Array, Array]:
-    """Return position and rotation differences (N,) as the instrument would see them."""
+    """Return position and rotation differences (N,) as the instrument would measure them."""
     (a, ra), (b, rb) = predict(registration, real), predict(registration, ideal)
     return np.linalg.norm(a - b, axis=-1), np.linalg.norm(turn_between(ra, rb), axis=-1)
 

@@ -1,7 +1,7 @@
-"""How sure kinematics are: the model's own standard deviations, of poses, joint values and rates.
+"""Uncertainty of kinematics: the model's own standard deviations of poses, joint values and rates.
 
 At fixed joints the pose changes by J dg, at fixed parameters by P dq with P = -A^-1 Jq; a wanted
-pose stays where dq = -P^-1 J dg. So covariances of parameters become those of poses and of joints.
+pose stays for dq = -P^-1 J dg. This turns covariances of parameters into those of poses and joints.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from ppmcal.model.registration import Registration
 from ppmcal.wording.progress import stage
 
 PIECE = 2000
-"""Rows taken at a time."""
+"""Rows processed at a time."""
 STEP = 0.1
-"""Standard deviations by which a parameter is moved where there is no derivative at hand."""
+"""Step of a parameter, in standard deviations, for differences where there is no derivative."""
 
 
 def independent(mechanism: Mechanism, sigma: dict[str, float]) -> ParameterCovariance:
-    """Return knowledge of parameters as if independent, of standard deviations SI."""
+    """Return the covariance of independent parameters with these standard deviations, SI."""
     values = np.array(list(sigma.values()))
     return ParameterCovariance(tuple(sigma), np.diag(values**2), {}, {}, {})
 
@@ -43,7 +43,7 @@ def independent(mechanism: Mechanism, sigma: dict[str, float]) -> ParameterCovar
 class PoseRows:
     """N poses with their joint values and conditions.
 
-    ``pose`` (N, 6) of the platform in the base frame, ``q`` (N, k), SI, nan where there is none.
+    ``pose`` (N, 6) of the platform in the base frame, ``q`` (N, k), SI, nan where unknown.
     """
 
     pose: Array
@@ -52,7 +52,7 @@ class PoseRows:
 
     @property
     def known(self) -> Bools:
-        """Which rows have both (N,)."""
+        """Which rows have both pose and joint values (N,)."""
         return finite_rows(self.pose) & finite_rows(self.q)
 
     def take(self, index: Ints) -> PoseRows:
@@ -60,7 +60,7 @@ class PoseRows:
         return PoseRows(self.pose[index], self.q[index], self.rows.take(index))
 
     def pieces(self) -> Iterator[Ints]:
-        """Yield the indices of rows that have both, some at a time."""
+        """Yield the indices of rows that have both, in pieces."""
         index = np.flatnonzero(self.known)
         for begin in range(0, index.size, PIECE):
             yield index[begin:begin + PIECE]
@@ -73,10 +73,10 @@ def forward_sigma(model: Model, registration: Registration, at: PoseRows,
 
     Args:
         model: the machine at its parameters.
-        registration: frame and target (a tool point, say) that see the platform.
+        registration: frame and target (a tool point, say) in which the platform is observed.
         at: joint values and the platform's poses there.
         knowledge: covariance of parameters, and of frames if ``dataset`` is named.
-        dataset: whose registration it is, empty for none of the calibration's.
+        dataset: data set of the registration, empty for one that is not of the calibration.
     """
     position, rotation = np.full(len(at.q), np.nan), np.full(len(at.q), np.nan)
     for n in at.pieces():
@@ -90,20 +90,20 @@ def forward_sigma(model: Model, registration: Registration, at: PoseRows,
 def joint_sigma(model: Model, at: PoseRows, knowledge: ParameterCovariance) -> Array:
     """Return standard deviations of joint values (N, k) at fixed poses, unit of q.
 
-    Of a machine with fewer actuators than coordinates they are those of the nearest pose.
+    For a machine with fewer actuators than coordinates they are those of the nearest pose.
     """
     by_parameters, left = _joint_parts(model, at, knowledge, True)
     return np.asarray(np.hypot(by_parameters, left))
 
 
 def left_joint_sigma(model: Model, at: PoseRows, knowledge: ParameterCovariance) -> Array:
-    """Return the part of :func:`joint_sigma` that no parameter makes (N, k), unit of q."""
+    """Return the part of :func:`joint_sigma` that is not due to parameters (N, k), unit of q."""
     return np.asarray(_joint_parts(model, at, knowledge, False)[1])
 
 
 def _joint_parts(model: Model, at: PoseRows, knowledge: ParameterCovariance,
                  by_parameters: bool) -> Array:
-    """Return the standard deviations (2, N, k) that parameters make, if asked, and all else."""
+    """Return standard deviations (2, N, k) due to parameters, if wanted, and to all else."""
     out = np.full((2, *at.q.shape), np.nan)
     for n in at.pieces():
         some = at.take(n)
@@ -117,13 +117,13 @@ def _joint_parts(model: Model, at: PoseRows, knowledge: ParameterCovariance,
 
 
 def _measured(model: Model) -> list[int]:
-    """Return where the pose's coordinates are among those that an instrument measures."""
+    """Return the places of the pose's coordinates among those that an instrument measures."""
     motion = model.mechanism.motion
     return [motion.measured_parts.index(c) for c in motion.dof]
 
 
 def _spread(jacobian: Array, covariance: Array) -> Array:
-    """Return the standard deviations (N, k) of what moves by (N, k, C) with parameters (C, C)."""
+    """Return the standard deviations (N, k) for derivatives (N, k, C) by parameters."""
     return np.asarray(np.sqrt(np.maximum(
         np.einsum("nkc,cd,nkd->nk", jacobian, covariance, jacobian), 0.0)))
 
@@ -131,8 +131,8 @@ def _spread(jacobian: Array, covariance: Array) -> Array:
 def _joints_of_poses(model: Model, pose: Array, q: Array) -> Array:
     """Return d(joint values)/d(pose) (N, k, m) on the closure, nan where singular.
 
-    Of a machine with fewer actuators than coordinates to the nearest pose that it takes, turns
-    counted as arcs at the platform's joints.
+    With fewer actuators than coordinates, for the nearest pose that the machine takes, with
+    rotations counted as arcs at the platform's joints.
     """
     closure, motor = model.closure(q), pose_motor(pose)
     a, jq = closure.pose_matrix(motor), closure.joint_matrix(motor)
@@ -147,15 +147,15 @@ def _joints_of_poses(model: Model, pose: Array, q: Array) -> Array:
 
 
 def joint_resolution(model: Model, at: PoseRows, position: float, rotation: float) -> Array:
-    """Return the largest steps of joint values (k,), unit of q, by which commands may be rounded.
+    """Return the largest steps of joint values (k,), unit of q, to which commands may be rounded.
 
-    Rounded to them, all joints together move the platform by at most ``position`` m and
-    ``rotation`` rad, rms, at the pose where they move it most; infinite where they do not move it.
+    With this rounding, all joints together move the platform by at most ``position`` m and
+    ``rotation`` rad, rms, at the most sensitive pose; infinite for joints that do not move it.
     """
     closure, motor = model.closure(at.q[at.known]), pose_motor(at.pose[at.known])
     poses = pinv(closure.pose_matrix(motor)) @ closure.joint_matrix(motor)
     places = np.array([c < 3 for c in model.mechanism.dof])
-    allowed = math.sqrt(12.0 / at.q.shape[1])    # a rounding is even over its step
+    allowed = math.sqrt(12.0 / at.q.shape[1])    # rounding errors are uniform over the step
     with np.errstate(divide="ignore"):
         steps = [allowed * size / np.linalg.norm(poses[:, part], axis=1).max(axis=0, initial=0.0)
                  for size, part in ((position, places), (rotation, ~places))]
@@ -164,7 +164,7 @@ def joint_resolution(model: Model, at: PoseRows, position: float, rotation: floa
 
 def _beyond_parameters(model: Model, at: PoseRows, turn: Array,
                        knowledge: ParameterCovariance) -> Array:
-    """Return the variance (N, k) of what a fit left unexplained, and of effects' own spread."""
+    """Return the variance (N, k) of a fit's unexplained residuals, and of effects' own spread."""
     dof = model.mechanism.dof
     places = np.array([c < 3 for c in dof])
     left = knowledge.missed(at.q, model.mechanism.actuators) ** 2
@@ -179,12 +179,12 @@ def _beyond_parameters(model: Model, at: PoseRows, turn: Array,
 @stage("how sure they are")
 def sigma_by_differences(solve: Callable[[Model], Array], mechanism: Mechanism,
                          knowledge: ParameterCovariance) -> Array:
-    """Return standard deviations (N, k) of whatever follows from a model, by central differences.
+    """Return standard deviations (N, k) of any function of a model, by central differences.
 
     Args:
-        solve: the values (N, k) of a model; nan where it has none.
-        mechanism: the machine, whose values are the middle.
-        knowledge: covariance of its parameters; nothing but these counts.
+        solve: returns the values (N, k) for a model; nan where it has none.
+        mechanism: the machine, at whose values the differences are centred.
+        knowledge: covariance of its parameters, the only uncertainty that counts.
     """
     names = [n for n in knowledge.names if n in mechanism.names]
     own = [knowledge.names.index(n) for n in names]

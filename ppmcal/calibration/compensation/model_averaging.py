@@ -1,8 +1,8 @@
-"""Commands that hold for every reading of the measurements which the data cannot tell apart.
+"""Commands that suit all models between which the data cannot decide.
 
-Each reading is a machine; its weight is its odds. What they disagree about at a target is an
-uncertainty of the command there (Hoeting et al. 1999, Bayesian model averaging). Where the
-commands without any of them are nearer to all of them, those are sent.
+Each candidate is a machine weighted by its odds. Their disagreement at a target is an
+uncertainty of the command there (Hoeting et al. 1999, Bayesian model averaging). If
+commands without any of their effects are closer to all of them, those are sent.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from ppmcal.model.dataset import Environment, environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import NOTE, Note
 
-UNREACHED = ("where it leads is not known: a machine that the measurements cannot tell from this "
-             "one does not take these joint values")
+UNREACHED = ("its result is not known: a machine that the measurements cannot tell from this one "
+             "does not take these joint values")
 OWN = ("q", "command", "seen", "pose", "position_after", "rotation_after", "status", "reason")
-"""What commands of another machine replace; nominal commands and uncertainties stay."""
+"""Fields replaced by those of another machine; nominal commands and uncertainties stay."""
 
 
 @dataclass(frozen=True)
 class CandidateModel:
-    """A machine that explains the measurements too: with ``effect`` ``instead`` of another.
+    """A machine that also explains the measurements: with ``effect`` ``instead`` of another.
 
     Without ``instead`` it has one more effect than the model, without ``effect`` one less.
-    ``odds`` for the model against it; ``effects``: all that it has.
+    ``odds`` of the model against it; ``effects``: all of its effects.
     """
 
     effect: str
@@ -54,14 +54,14 @@ class CandidateModel:
 
 
 def probabilities(readings: Sequence[CandidateModel]) -> list[float]:
-    """Return the probability of the model and of each reading, over what was tried."""
+    """Return the probability of the model and of each candidate, among those tried."""
     weight = np.array([1.0, *(1.0 / r.odds for r in readings)])
     return [float(w) for w in weight / weight.sum()]
 
 
 @dataclass(frozen=True)
 class Readings:
-    """All readings besides the model, and the machine fitted without effects, if known."""
+    """All candidates besides the model, and the machine fitted without effects, if known."""
 
     others: tuple[CandidateModel, ...]
     without: Mechanism | None
@@ -69,7 +69,7 @@ class Readings:
 
 @dataclass(frozen=True)
 class Targets:
-    """What is wanted: poses (N, 6) in the frame of a data set ("" for the base), environment.
+    """Wanted poses (N, 6) in the frame of a data set ("" for the base), and their environment.
 
     As for :func:`ppmcal.calibration.compensation.compensate`.
     """
@@ -83,14 +83,14 @@ class Targets:
 def averaged(model: Mechanism, result: Compensation, readings: Readings,
              knowledge: ParameterCovariance | None, targets: Targets) -> tuple[Compensation,
                                                                                tuple[Note, ...]]:
-    """Return the commands with what the readings disagree about in their uncertainty, and notes.
+    """Return the commands with the candidates' disagreement in their uncertainty, and notes.
 
     Args:
-        model: the machine that the commands were made with.
+        model: the machine with which the commands were made.
         result: those commands.
-        readings: of the same measurements.
+        readings: candidates for the same measurements.
         knowledge: covariance and measured volume.
-        targets: what is wanted.
+        targets: wanted poses.
     """
     if not readings.others:
         return result, ()
@@ -98,7 +98,7 @@ def averaged(model: Mechanism, result: Compensation, readings: Readings,
     machines = [model, *(r.mechanism for r in readings.others)]
     weight = np.array(probabilities(readings.others))
     own = _expected(machines, weight, result.q, result, targets)
-    note = "the measurements do not tell " + "; nor ".join(_untold(readings.others))
+    note = "the measurements cannot tell " + "; nor ".join(_untold(readings.others))
     bare = _without(readings.without, result, knowledge, targets)
     if bare is not None:
         plain = _expected(machines, weight, bare.q, result, targets)
@@ -107,10 +107,10 @@ def averaged(model: Mechanism, result: Compensation, readings: Readings,
             length = model.units.factor("length")
             note += (": left out of these commands, which would be off by "
                      f"{_rms(own[0]) / length:.3g} {model.units.length} with it and are by "
-                     f"{_rms(plain[0]) / length:.3g} without, over these readings")
+                     f"{_rms(plain[0]) / length:.3g} without, over these candidates")
             result, own = replace(result, **{name: getattr(bare, name) for name in OWN}), plain
         else:
-            note += "; what that changes at the targets is in the uncertainty"
+            note += "; the difference at the targets is in the uncertainty"
     result = refused(result, dict.fromkeys(
         np.flatnonzero(sent(result) & ~np.isfinite(own[0] + own[1])).tolist(), UNREACHED))
     before = _expected(machines, weight, result.q_nominal, result, targets)
@@ -122,7 +122,7 @@ def averaged(model: Mechanism, result: Compensation, readings: Readings,
 
 def _at_rest(others: Sequence[CandidateModel], result: Compensation, targets: Targets
              ) -> tuple[Targets, list[Note]]:
-    """Return the targets with joints at rest where only readings need velocities, and notes.
+    """Return the targets with joints at rest if only candidates need velocities, and notes.
 
     The model needs none, or the targets would have them.
     """
@@ -134,8 +134,8 @@ def _at_rest(others: Sequence[CandidateModel], result: Compensation, targets: Ta
     still = dict.fromkeys(needed, np.zeros(len(targets.wanted)))
     return replace(targets, columns={**targets.columns, **still}), [
         Note(f"{names}: depends on joint velocities, which the targets do not have, and counts as "
-             f"at rest; add the columns {', '.join(needed)} if the machine is to be right on the "
-             "way", NOTE, "other models")]
+             f"at rest; add the columns {', '.join(needed)} if the machine is to be right in "
+             "motion", NOTE, "other models")]
 
 
 def _environment(mechanism: Mechanism, result: Compensation, targets: Targets) -> Environment:
@@ -144,7 +144,7 @@ def _environment(mechanism: Mechanism, result: Compensation, targets: Targets) -
 
 
 def _untold(others: Sequence[CandidateModel]) -> list[str]:
-    """Return what the readings leave open, in words."""
+    """Return what the candidates leave open, in words."""
     swaps = [r for r in others if r.effect and r.instead]
     out = []
     if swaps:
@@ -161,12 +161,12 @@ def _rms(values: Array) -> float:
 
 def _without(mechanism: Mechanism | None, result: Compensation,
              knowledge: ParameterCovariance | None, targets: Targets) -> Compensation | None:
-    """Return the commands of the machine without effects; None where it is not known."""
+    """Return the commands of the machine without effects; None if it is not known."""
     if mechanism is None or (targets.dataset and targets.dataset not in mechanism.registrations):
         return None
     found = compensate(mechanism, targets.wanted, mechanism.registration(targets.dataset),
                        None, targets.dataset, targets.columns, targets.sequence)
-    # what was refused stays refused
+    # refused commands stay refused
     good = np.array([a == b == "ok" for a, b in zip(found.status, result.status, strict=True)])
     return replace(found, q=np.where(good[:, None], found.q, np.nan),
                    status=tuple(b if a == "ok" else a
@@ -187,10 +187,10 @@ def _expected(machines: Sequence[Mechanism], weight: Array, q: Array, result: Co
 
 def _errors(mechanism: Mechanism, q: Array, result: Compensation, targets: Targets
             ) -> tuple[Array, Array]:
-    """Return position and rotation errors (N,) of commands, if the machine is this one.
+    """Return position and rotation errors (N,) of commands if the machine is this one.
 
-    An instrument that shows (1 + s) times the truth sends the machine astray either way: off what
-    it shows, or, about the middle of the targets, off the truth. The larger of both counts.
+    An instrument that shows (1 + s) times the truth leads the machine astray either way: off its
+    readings, or, about the middle of the targets, off the truth. The larger error counts.
     """
     registration = mechanism.registration(targets.dataset)
     reached = reached_poses(Model(mechanism), q, _environment(mechanism, result, targets))

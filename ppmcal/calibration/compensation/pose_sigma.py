@@ -1,4 +1,4 @@
-"""How sure an identified machine's poses are: by parameters, frame and what is unexplained."""
+"""Uncertainty of an identified machine's poses: parameters, frame and unexplained residuals."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from ppmcal.wording.progress import stage
 
 @dataclass(frozen=True)
 class ParameterCovariance:
-    """What an identification knows beyond the model file.
+    """Information from an identification beyond the model file.
 
     ``names`` (C,) columns and ``covariance`` (C, C) as in
-    :class:`ppmcal.calibration.validation.Identification`, and behind them the parameters that
-    it held though they may be off, which the others err with; ``volume``: coordinate -> (low,
-    high) of the poses that were measured, base frame, SI. ``pivots``: the points about which the
-    fitted frames are turned, by data set (3,). ``before``: where the instrument stands if the
-    nominal geometry is believed, by data set: the frame of the uncorrected commands.
-    ``frames``: what defines the base axes, by data set whose frame is given so.
-    ``unexplained``: rms of what neither model nor noise explained, m and rad; ``doubtful``:
-    stretches of a joint's travel that the model misses.
+    :class:`ppmcal.calibration.validation.Identification`, followed by the parameters that
+    it held though they may be off, with correlated errors; ``volume``: coordinate -> (low,
+    high) of the measured poses, base frame, SI. ``pivots``: the points about which the
+    fitted frames are turned, by data set (3,). ``before``: the instrument's registration with the
+    nominal geometry, by data set: the frame of the uncorrected commands.
+    ``frames``: definitions of the base axes, by data set whose frame is given that way.
+    ``unexplained``: rms of residuals beyond model and noise, m and rad; ``doubtful``:
+    stretches of a joint's travel where the model is off.
     """
 
     names: tuple[str, ...]
@@ -49,7 +49,7 @@ class ParameterCovariance:
 
     @classmethod
     def of(cls, found: Identification) -> ParameterCovariance:
-        """Return what an identification knows, as its identification.json would tell it."""
+        """Return the information from an identification, as in its identification.json."""
         problem = found.fit.problem
         left = found.unexplained
         kept = found.considered
@@ -64,11 +64,11 @@ class ParameterCovariance:
 
     @property
     def base_axes(self) -> tuple[str, DefinedFrame] | None:
-        """What defines the base axes, and of which data set it is; of several the least certain."""
+        """Definition of the base axes, and its data set; of several the least certain."""
         return max(self.frames.items(), key=lambda one: one[1].size, default=None)
 
     def missed(self, q: Array, actuators: Sequence[str]) -> Array:
-        """Return what the identification missed near joint values (N, k), m and rad (N, 2)."""
+        """Return the unexplained rms near joint values (N, k), m and rad (N, 2)."""
         out = np.tile(np.square(self.unexplained), (len(q), 1))
         for d in self.doubtful:
             inside = d.holds(q[:, actuators.index(d.actuator)])
@@ -77,15 +77,15 @@ class ParameterCovariance:
 
 
 def defined_frames(datasets: Sequence[Dataset]) -> dict[str, DefinedFrame]:
-    """Return by name what defines the frames of those data sets that have one so."""
+    """Return, by name, the definitions of frames of those data sets that have one."""
     return {d.name: d.frame.defined for d in datasets if d.frame.defined is not None}
 
 
 def tolerance_sigma(nominal: Model, registration: Registration, full: Array, q: Array
                     ) -> tuple[Array, Array]:
-    """Return how far tolerances take the nominal machine from where it is sent (N,), m and rad.
+    """Return how far tolerances move the nominal machine from its commands (N,), m and rad.
 
-    One standard deviation, infinite where a tolerance is. Arguments as those of
+    One standard deviation, infinite where a tolerance is. Arguments as for
     :func:`prediction_jacobian`; nan where the machine does not take a pose.
     """
     mechanism, rows = nominal.mechanism, unknown_environment(*q.shape)
@@ -105,8 +105,8 @@ def pose_sigma(model: Model, registration: Registration, full: Array, q: Array, 
                ) -> tuple[Array, Array]:
     """Return standard deviations (N,) of position, m, and rotation, rad, at given joint values.
 
-    What the identification left unexplained is there at these poses too. nan where not ``good``;
-    arguments as those of :func:`prediction_jacobian`.
+    Residuals that the identification left unexplained occur at these poses too. nan unless
+    ``good``; arguments as for :func:`prediction_jacobian`.
     """
     position, rotation = np.full(q.shape[0], np.nan), np.full(q.shape[0], np.nan)
     if knowledge is None or not good.any():
@@ -125,10 +125,10 @@ def pose_sigma(model: Model, registration: Registration, full: Array, q: Array, 
 
 def frame_variance(model: Model, registration: Registration, full: Array,
                    knowledge: ParameterCovariance | None, dataset: str) -> Array:
-    """Return the variance (N, m) of poses in base axes by what defines these axes.
+    """Return the variance (N, m) of poses in base axes due to the definition of these axes.
 
-    A fit with such a frame takes its error for one of the geometry, as a motion of the base as a
-    whole; in the measuring frame, so of a ``dataset``, the two cancel. Arguments as those of
+    A fit with such a frame takes its error for one of the geometry, as a motion of the whole
+    base; in the measuring frame, that of a ``dataset``, the two cancel. Arguments as for
     :func:`prediction_jacobian`.
     """
     measured = list(model.mechanism.motion.measured_parts)
@@ -140,7 +140,7 @@ def frame_variance(model: Model, registration: Registration, full: Array,
 
 
 def by_kind(mechanism: Mechanism, variance: Array) -> tuple[Array, Array]:
-    """Return standard deviations (N,) of position and rotation by the variance of each (N, m)."""
+    """Return standard deviations (N,) of position and rotation from variances (N, m)."""
     places = mechanism.motion.axes
     return (np.sqrt(variance[:, :places].sum(axis=1)), np.sqrt(variance[:, places:].sum(axis=1)))
 
@@ -154,9 +154,9 @@ def model_sigma(mechanism: Mechanism, poses: Array, registration: Registration,
         mechanism: the identified machine.
         poses: of the platform in the base frame (N, 6), nan where open.
         registration: frame and target in which the pose is measured.
-        knowledge: what the identification knows.
+        knowledge: information from the identification.
         dataset: name of the data set that ``registration`` belongs to.
-        columns: what effects depend on, as in :func:`ppmcal.model.dataset.environment`.
+        columns: variables that effects depend on, as in :func:`ppmcal.model.dataset.environment`.
 
     Poses that the machine does not take are nan.
     """
@@ -179,7 +179,7 @@ def prediction_jacobian(model: Model, registration: Registration, full: Array, q
         registration: frame and target in which poses are measured.
         full: platform poses (N, 6) in the base frame, x, y, z, rotation vector.
         q: joint values there (N, k).
-        knowledge: names the C columns, and the points about which frames are turned.
+        knowledge: names the C columns, and gives the points about which frames are turned.
         dataset: name of the data set that ``registration`` belongs to.
         rows: the environment that effects depend on.
 
@@ -205,7 +205,7 @@ def prediction_jacobian(model: Model, registration: Registration, full: Array, q
 
 def as_measured(model: Model, registration: Registration, full: Array, q: Array, dataset: str,
                  rows: Environment, free: tuple[int, ...], about: Array) -> tuple[Problem, State]:
-    """Return poses as rows of a problem, with sigmas of 1 m and 1 rad; as the function above."""
+    """Return poses as rows of a problem, with sigmas of 1 m and 1 rad; see above for arguments."""
     mechanism = model.mechanism
     # planar machines measure x, y, rz only
     flat = np.array([False, False, True, True, True, False]) & mechanism.motion.planar
@@ -217,7 +217,7 @@ def as_measured(model: Model, registration: Registration, full: Array, q: Array,
 
 def own_variance(model: Model, registration: Registration, full: Array, q: Array, dataset: str,
                  rows: Environment) -> Array:
-    """Return the variance (N, m) of poses by what effects are uncertain by of themselves."""
+    """Return the variance (N, m) of poses due to the effects' own uncertainty."""
     mechanism = model.mechanism
     uncertain = [e for e in mechanism.effects if e.kind.spread is not None]
     out = np.zeros((len(full), len(mechanism.motion.measured_parts)))

@@ -1,9 +1,9 @@
-"""Commands that are safe to send: each better than none, and each come to on a safe way.
+"""Commands that are safe to send: each better than none, and each reached on a safe way.
 
-A row is refused where its corrected command is predicted to be worse than the uncorrected one, in
-position or in rotation and with what is not known in both errors, and where the way to it from the
-last row that is not refused leaves limits, meets a singularity, or is a jump that the targets do
-not make.
+A row is refused if its corrected command is predicted to be worse than the uncorrected one, in
+position or in rotation and with the uncertainty in both errors, or if the way to it from the
+previous row that is not refused leaves limits, meets a singularity, or is a jump that the targets
+do not make.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import stage
 
 WORSE = 1.01
-"""Errors that differ by less are equal: the model's uncertainty is predicted linearly."""
+"""Errors within this factor are equal: the model's uncertainty is predicted linearly."""
 JUMP = 0.25
-"""A correction may change from row to row by this part of the targets' own step in the joints."""
+"""A correction may change between rows by this part of the targets' own step in the joints."""
 MOST_AHEAD = 12
-"""So often the rows that are tried after a refused one are doubled."""
+"""Maximum number of times that the rows tried after a refused one are doubled."""
 PATIENCE = 1000
-"""Rounds in which refusals are taken back; where ways fail so often, more are refused than need."""
+"""Rounds in which refusals are taken back; if ways fail more often, too many rows are refused."""
 Judge = Callable[[Ints, Ints], dict[int, str]]
 
 
@@ -53,12 +53,12 @@ def sent(found: Compensation) -> Bools:
 def worse_rows(mechanism: Mechanism, found: Compensation) -> dict[int, str]:
     """Return the rows whose correction is predicted to be worse than none: index -> reason.
 
-    By :data:`WORSE`, in position or in rotation; what is not known of the model is in the errors
-    with and without correction. A row whose remaining error cannot be predicted is among them.
+    By :data:`WORSE`, in position or in rotation; the model's uncertainty is in the errors
+    with and without correction. Rows whose remaining error cannot be predicted are included.
     """
     unknown = np.flatnonzero(sent(found) & np.isnan(found.position_after))
-    out = dict.fromkeys(unknown.tolist(), "what the correction leaves cannot be predicted: led "
-                        "evenly from home, the joints meet a singularity or leave their reach")
+    out = dict.fromkeys(unknown.tolist(), "the remaining error cannot be predicted: on the way "
+                        "from home, the joints meet a singularity or leave their reach")
     for kind, quantity in reversed(KINDS.items()):
         before, after = found.expected(kind)
         after = np.where(np.isnan(after), getattr(found, f"{kind}_after"), after)
@@ -66,14 +66,14 @@ def worse_rows(mechanism: Mechanism, found: Compensation) -> dict[int, str]:
         for n in np.flatnonzero(sent(found) & is_worse(mechanism, kind, before, after)).tolist():
             out[n] = ("the correction is predicted to be worse than none: "
                       f"{after[n] / factor:.3g} {unit} of {kind} with it, {before[n] / factor:.3g} "
-                      f"{unit} without, the model's uncertainty in both")
+                      f"{unit} without, including the model's uncertainty")
     return out
 
 
 def is_worse(mechanism: Mechanism, kind: str, before: Array, after: Array) -> Bools:
-    """Return where errors ``after`` correction are more than those ``before``, m or rad.
+    """Return where errors ``after`` correction exceed those ``before``, m or rad.
 
-    Of ``position`` or ``rotation``; below :data:`NOTHING`, or of nan, they are not.
+    For ``position`` or ``rotation``; errors below :data:`NOTHING`, or nan, do not.
     """
     least = NOTHING * (mechanism.reach if kind == "position" else 1.0)
     with np.errstate(invalid="ignore"):
@@ -82,10 +82,10 @@ def is_worse(mechanism: Mechanism, kind: str, before: Array, after: Array) -> Bo
 
 @dataclass(frozen=True)
 class Steps:
-    """How far the commands step beyond what the targets do, of rows one after the other.
+    """How far commands step beyond the targets' own steps, from row to row.
 
-    ``rows``: indices of the later row (M,); ``beyond``: m or rad by which the correction of the
-    worst joint changes (M,), 0 where that is less than :data:`JUMP` of the targets' own step;
+    ``rows``: indices of the later row (M,); ``beyond``: change of the worst joint's
+    correction, m or rad (M,), 0 if less than :data:`JUMP` of the targets' own step;
     ``joint``: its index (M,).
     """
 
@@ -113,9 +113,9 @@ def _added_steps(mechanism: Mechanism, added: Array, nominal: Array, before: Int
 
 @stage("checking the ways between targets")
 def unsafe_ways(mechanism: Mechanism, found: Compensation) -> dict[int, str]:
-    """Return the rows that cannot be come to from the last row before them: index -> reason.
+    """Return the rows that cannot be reached safely from the previous row: index -> reason.
 
-    The last row before that is not refused itself; the first one may be come to from anywhere.
+    The previous row is the last one not refused; the first row may be reached from anywhere.
     """
     rows = np.flatnonzero(sent(found) & finite_rows(found.pose))
     if len(rows) < 2:
@@ -125,7 +125,7 @@ def unsafe_ways(mechanism: Mechanism, found: Compensation) -> dict[int, str]:
     ways = Ways(mechanism, motor, found.q)
 
     def judge(before: Ints, after: Ints) -> dict[int, str]:
-        # of the geometry: a reversal, a warmer or a heavier row may step, that is its effect
+        # for the geometry only: a reversal, a warmer or a heavier row may step, as an effect
         return {**_jumps(mechanism, ways.q, found.q_nominal, before, after),
                 **ways.judged(before, after)}
 
@@ -134,7 +134,7 @@ def unsafe_ways(mechanism: Mechanism, found: Compensation) -> dict[int, str]:
 
 def _jumps(mechanism: Mechanism, q: Array, nominal: Array, before: Ints, after: Ints
            ) -> dict[int, str]:
-    """Return which of the steps from row to row (M,) are jumps, and why."""
+    """Return which steps from row to row (M,) are jumps, and why."""
     out = {}
     steps = _added_steps(mechanism, q - nominal, nominal, before, after)
     units = mechanism.joint_units
@@ -153,11 +153,11 @@ def _jumps(mechanism: Mechanism, q: Array, nominal: Array, before: Ints, after: 
 
 
 def _followed(rows: Ints, judge: Judge) -> dict[int, str]:
-    """Return which of the rows cannot be come to, by one pass in their order: row -> reason.
+    """Return which rows cannot be reached safely, in one pass in their order: row -> reason.
 
-    Every row is judged from the last one before it that is not refused, all of them together:
-    after a row that is refused, twice as many are tried each time. What was refused from a row
-    that is then refused itself is judged again, and so is what was refused across it.
+    Every row is judged from the previous one that is not refused, all of them together:
+    after a refused row, twice as many are tried each time. Rows refused from a row that is then
+    refused itself are judged again, and so are those refused across it.
     """
     alive = np.ones(len(rows), dtype=np.bool_)
     come_from, refused_from = np.full(len(rows), -1), np.full(len(rows), -1)
@@ -173,7 +173,7 @@ def _followed(rows: Ints, judge: Judge) -> dict[int, str]:
         if not open_.size:
             return {int(rows[n]): reason[n] for n in np.flatnonzero(~alive).tolist()}
         ahead = 2 ** np.minimum(tries[index[open_]], MOST_AHEAD)
-        # of rows whose tries overlap the first goes first
+        # where tries of rows overlap, the first row goes first
         apart = np.concatenate([[True], open_[1:] > np.maximum.accumulate(open_ + ahead)[:-1]])
         open_, ahead = open_[apart], np.minimum(ahead[apart], len(index) - 1 - open_[apart])
         start = np.cumsum(ahead) - ahead
@@ -191,7 +191,7 @@ def _followed(rows: Ints, judge: Judge) -> dict[int, str]:
         patience -= 1
         while patience > 0 and again.any():
             alive[again], come_from[again] = True, -1
-            # a row that is back stands between others and what they were refused from
+            # a row that is back is between others and the row from which they were refused
             back = np.cumsum(again)
             again = ~alive & (back > back[np.maximum(refused_from, 0)])
         reached = first < len(rows)
@@ -200,6 +200,6 @@ def _followed(rows: Ints, judge: Judge) -> dict[int, str]:
 
 
 def own_steps(mechanism: Mechanism, found: Compensation) -> Steps:
-    """Return by how much commands step beyond their targets: what conditions of the rows do."""
+    """Return how far commands step beyond their targets, due to conditions of the rows."""
     rows = np.flatnonzero(sent(found))
     return _added_steps(mechanism, found.q - found.q_nominal, found.q_nominal, rows[:-1], rows[1:])

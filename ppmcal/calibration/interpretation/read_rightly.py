@@ -4,7 +4,7 @@ Every candidate reading of a file is scored like the declared one; of equally go
 one with the fewest changes was meant, provided it explains more of the error than it leaves. Before
 the fit this is done for files that the tolerances do not explain, along with units of the
 environment and parts of the rows that go astray; after it for files that leave more than noise or
-bend the geometry, along with faults of some rows. A file that nothing explains is another machine's.
+bend the geometry, along with faults of some rows. What nothing explains is another machine's file.
 """
 
 from __future__ import annotations
