@@ -270,7 +270,7 @@ def test_the_noise_is_estimated_unless_it_is_stated(tmp_path: Path) -> None:
     run = ppmcal("identify", "imported/machine.yaml", "imported/heights.csv", cwd=tmp_path,
                  expect=0)
     words = " ".join((run.out + run.err).split())
-    assert "estimated from its residuals" in words and "0.02 mm of its sidecar count as 5" in words
+    assert "estimated from its residuals" in words and "0.02 mm in its sidecar counts as 5" in words
     side = tmp_path / "imported" / "heights.yaml"
     found = json.loads((tmp_path / "identified" / "identification.json").read_text())
     estimated = {p["name"]: p["sigma"] for p in found["parameters"]}

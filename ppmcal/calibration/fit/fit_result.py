@@ -195,7 +195,7 @@ def prediction_root(fit: Fit, slopes: Array, prior: Array | None = None) -> Arra
 def prediction_covariance(fit: Fit) -> Array:
     """Return a covariance (C, C) that is valid for predictions of measured rows.
 
-    Noise beyond the stated noise is in the rows (:func:`noise.with_noise`), never in the
+    Noise beyond the stated noise is in the rows (:func:`noise_estimate.with_noise`), never in the
     prior: a parameter is known at least as well as its tolerance says.
     Null directions do not move anything that was measured, so they are left out.
     """

@@ -115,8 +115,8 @@ def noise_sentences(problem: Problem, factor: Array, which: Sequence[bool]) -> l
             of = noise_quantity(data)
             began, unit = typical_noise(data) / data.units.factor(of), data.units.name(of)
             out.append(Note(f"{data.name}: noise {began * f:.3g} {unit}, estimated from its "
-                            f"residuals; the {began:g} {unit} of its sidecar count as {LEAST:.0f} "
-                            "of them.", NOTE, "noise"))
+                            f"residuals; the {began:g} {unit} in its sidecar counts as "
+                            f"{LEAST:.0f} redundant values.", NOTE, "noise"))
     return out
 
 
