@@ -210,7 +210,7 @@ class Noise:
     machine can explain; ``chi2_p``: chance of a larger one; ``prior_chi2``, ``prior_degrees``,
     ``prior_p``: the same for the errors found, against tolerances and noise;
     ``repeat_ratio``: scatter of repeats over stated noise, None without repeats; ``by_dataset``:
-    ``sigma_ratio`` of each data set with enough redundancy; all dimensionless. ``source``: see
+    ``sigma_ratio`` of each data set with enough redundancy; all bare. ``source``: see
     :func:`noise_source`.
     """
 

@@ -47,7 +47,7 @@ FEWEST = 3
 
 @dataclass(frozen=True)
 class FreedomSet:
-    """One set of freedoms; its figures are dimensionless.
+    """One set of freedoms; its figures are bare.
 
     Attributes:
         adds: parameters that it has beyond the previous set; for the first: all.

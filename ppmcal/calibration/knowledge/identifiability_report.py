@@ -55,7 +55,7 @@ class Scale:
     ``sigma_data`` by the data alone (inf if they leave it open); ``open``: whether the data leave
     scale to the prior (``prior_dominated``), or to nothing, by an amount that matters;
     ``needed``: length of a distance that, measured to ``measure_to`` (one sigma), halves the
-    uncertainty; ``times``: half width of a 95 % interval over each sigma, dimensionless.
+    uncertainty; ``times``: half width of a 95 % interval over each sigma, bare.
     """
 
     length: Annotated[OfUnit[Finite], Key("distance")]
@@ -84,7 +84,7 @@ class Scale:
 
 @dataclass(frozen=True)
 class CollinearParameters:
-    """Two exactly correlated kinds of slot; ``each``: limb by limb, not only together."""
+    """Two exactly correlated kinds of slot (bare); ``each``: limb by limb, not only together."""
 
     one: Annotated[str, Key("a")]
     other: Annotated[str, Key("b")]

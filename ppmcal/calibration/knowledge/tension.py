@@ -143,7 +143,7 @@ def _sentence(fit: Fit, data: Clusters, found: PulledApart) -> str:
     factor, unit = units.factor(parameter.quantity), units.name(parameter.quantity)
     value, scale = float(fit.state.g[place]), float(fit.scale[worst])
     return out + "; " + ", ".join(
-        f"{n} alone {'give' if k else f'give {parameter.name}'} "
+        f"{n} alone {'say' if k else f'say {parameter.name}'} "
         f"{(value + scale * v) / factor:.6g} +- {coverage_by(f) * scale * d / factor:.2g} {unit}"
         for k, (n, v, d, f) in enumerate(zip(data.labels, step[:, worst].tolist(),
                                              sigma[:, worst].tolist(), found.degrees.tolist(),

@@ -57,7 +57,7 @@ class Figure:
 class Contribution:
     """One line of the budget; ``degrees`` inf if taken as known.
 
-    ``sensitivity``: of the measurand to it, dimensionless; ``part``: its contribution to the
+    ``sensitivity``: of the measurand to it, bare; ``part``: its contribution to the
     measurand; ``note``: source of the number.
     """
 

@@ -196,7 +196,7 @@ def _validated(models: Sequence[FrozenModel], data: Dataset, register: Sequence[
     asked = tuple(w for w in REGISTERED if is_open(data, w)) if register is None else tuple(
         w for w in REGISTERED if w in register)
     whole, data = data, opened(data, asked, register is not None)
-    data = secondary("mistyped rows", partial(_typed_right, models, data), data, notes)
+    data = secondary("rows with mistyped values", partial(_typed_right, models, data), data, notes)
     demanded, known = secondary("what else the registration has to fit", partial(
         _demanded, models, data), ((), dict[int, Fit]()), notes) if register is None else ((), {})
     data = opened(data, demanded)
