@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -33,6 +34,11 @@ def finite_number(value: Any) -> float | None:
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     return float(value) if abs(value) <= LARGEST else None
+
+
+def status_counts(status: Sequence[str]) -> dict[str, int]:
+    """Return how many rows have each status."""
+    return dict(sorted(Counter(status).items()))
 
 
 def joint_columns(mechanism: Mechanism, q: Array, pattern: str) -> dict[str, Array]:
