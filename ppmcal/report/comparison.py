@@ -39,8 +39,6 @@ from ppmcal.report.section import Folder, Kind, Section
 from ppmcal.wording import abbreviate_list
 
 SHOWN, PLOTTED = 12, 40
-WORDS = frozenset({"name", "unit", "status"})
-"""Table of compare.csv that are words; the others are numbers."""
 STYLES = {"changed": "out", "possible": "before"}
 KEYS = {"changed": "changed", "possible": "possible instead"}
 

@@ -17,7 +17,7 @@ from ppmcal.io import read_joints
 from ppmcal.io.grid import read_grid
 from ppmcal.io.results.workspace import WorkspaceRecord, reach, singularities
 from ppmcal.io.results.workspace import assembly_modes as modes_words
-from ppmcal.io.results.workspace_tables import ModeRow, left_table, modes_table, pictures
+from ppmcal.io.results.workspace_tables import ModeRow, left_table, modes_table
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.tables import refuse_singular_home
@@ -52,11 +52,11 @@ class WorkspaceResult(Result):
 
     def files(self) -> Mapping[str, str | bytes]:
         """Return map.csv, singular.csv, modes.csv, workspace.json and pictures."""
-        return {**self.record.files(self.workspace, list(self.modes)), **pictures(self.workspace)}
+        return self.record.files(self.workspace, self.modes)
 
     def told(self) -> Iterator[str | ShortTable]:
         """Yield everything in sentences, with the tables that belong to it."""
-        found, rows = self.workspace, list(self.modes)
+        found, rows = self.workspace, self.modes
         yield from reach(found)
         if found.table.status.count("ok") < len(found.table.status):
             left = left_table(found)

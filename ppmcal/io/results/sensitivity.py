@@ -35,7 +35,7 @@ from ppmcal.io.results.sensitivity_tables import (
     size_quantity,
     size_unit,
 )
-from ppmcal.io.results.tables import map_table, unit_map
+from ppmcal.io.results.tables import map_table, status_counts, unit_map
 from ppmcal.io.results.units import error_words
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.region import Grid
@@ -219,7 +219,7 @@ class SensitivityRecord(AnalysisRecord):
             None, units, format=cls.FORMAT, name=found.mechanism.name,
             summary=(*sentences(found, grid), *geometry_note(mechanism)),
             units=_units(found, grid), findings=tuple(findings(found, mechanism, grid)),
-            errors=len(found.sources), poses={s: status.count(s) for s in sorted(set(status))},
+            errors=len(found.sources), poses=status_counts(status),
             metric=found.asked.metric, metric_unit=units.length,
             tool=found.asked.tool, tool_unit=units.length,
             amplification_position=amplification[0], amplification_rotation=amplification[1],
@@ -233,7 +233,7 @@ class SensitivityRecord(AnalysisRecord):
             linear_to_unit=size_unit(found),
             tables=(share_table(found, "limb"), share_table(found, "slot"),
                     ranking_table(found)),
-            provenance=Provenance(**provenance), pictures=captions(found, grid))
+            provenance=provenance, pictures=captions(found, grid))
 
     def files(self, found: Sensitivity, grid: Grid | None, listed: bool
               ) -> dict[str, str | bytes]:

@@ -289,7 +289,7 @@ class TolerancesRecord(AnalysisRecord):
                 title="Cost", columns=("method", "cost"), note="",
                 rows=tuple((m, a.cost) for m, a in r.allocations.items()))),
             pictures={"yield.png": "Share of machines below every accuracy"},
-            provenance=Provenance(**provenance))
+            provenance=provenance)
 
     def files(self, r: ToleranceResult) -> dict[str, str | bytes]:
         """Return file name -> content of everything that tolerances writes."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import field
 from typing import Annotated, Any, ClassVar, Self
@@ -10,14 +9,22 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 
 from ppmcal.design.workspace import Nearest, Workspace
+from ppmcal.io import csv_text
 from ppmcal.io.results.parts import Range, ShownTable
 from ppmcal.io.results.record import Flag, Part, PlainCell, Record, Shown, Text, Whole
-from ppmcal.io.results.tables import unit_map
+from ppmcal.io.results.tables import (
+    map_pictures,
+    map_table,
+    pose_columns,
+    status_counts,
+    unit_map,
+)
 from ppmcal.io.results.workspace_tables import (
     ModeRow,
-    csv_files,
     left_out,
     left_table,
+    maps,
+    modes_file,
     modes_table,
     places,
     plotted,
@@ -25,7 +32,7 @@ from ppmcal.io.results.workspace_tables import (
     size_word,
 )
 from ppmcal.kinematics.tables import SINGULAR_HOME
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.notes import Note
 from ppmcal.store.provenance import Provenance
@@ -38,18 +45,11 @@ LISTED = 10
 
 def reach(found: Workspace) -> list[str]:
     """Return how much of the grid the machine reaches."""
-    machine = found.mechanism
-    axes = []
-    for c, name, level in zip(found.grid.coordinates, found.grid.names, found.grid.levels,
-                              strict=True):
-        quantity = "length" if c < 3 else "angle"
-        f = machine.units.factor(quantity)
-        axes.append(f"{name} {level[0] / f:.4g} to {level[-1] / f:.4g} "
-                    f"{machine.units.name(quantity)} ({len(level)} levels)")
+    axes = [f"{name} {r.low:.4g} to {r.high:.4g} {r.unit} ({r.levels} levels)"
+            for name, r in _axes(found).items()]
     factor, unit = size_unit(found)
-    short = machine.dependent > 0
-    out = [f"{machine.name}: {', '.join(axes)}; other coordinates as at home"
-           + (", or as the closure decides." if short else "."),
+    out = [f"{found.mechanism.name}: {', '.join(axes)}; other coordinates as at home"
+           + (", or as the closure decides." if found.mechanism.dependent > 0 else "."),
            f"Reached within limits: {found.share:.1%} of {len(found.table.status)} poses, "
            f"{size_word(found)} {found.size / factor:.4g} {unit}."]
     if found.reached.any():
@@ -215,7 +215,7 @@ class WorkspaceRecord(Record):
         return cls.filled(
             None, machine.units, format=cls.FORMAT, name=machine.name, grid=_axes(found),
             poses=len(found.table.status),
-            status=dict(sorted(Counter(found.table.status).items())), left_out=left_out(found),
+            status=status_counts(found.table.status), left_out=left_out(found),
             reachable={"share": found.share, size_word(found): found.size / size, "unit": unit},
             conditioning_index={"dexterity": found.index, "dexterity_legs": found.index_legs},
             home={"condition": home.singular_value[0], "dexterity": home.dexterity[0],
@@ -231,11 +231,17 @@ class WorkspaceRecord(Record):
             units=unit_map(machine, header) | {
                 "singularity_distance": machine.units.name(found.distance_quantity)},
             length_scale=machine.length_scale, length_scale_unit=machine.units.length,
-            provenance=Provenance(**provenance))
+            provenance=provenance)
 
-    def files(self, found: Workspace, rows: Sequence[ModeRow]) -> dict[str, str]:
-        """Return file name -> text of everything but the pictures."""
-        return {**csv_files(found, rows), self.FILE: self.text()}
+    def files(self, found: Workspace, rows: Sequence[ModeRow]) -> dict[str, str | bytes]:
+        """Return map.csv, singular.csv, modes.csv, workspace.json and the pictures."""
+        machine, table = found.mechanism, found.table
+        pose = np.where(finite_rows(table.pose)[:, None], table.pose, found.grid.poses(machine))
+        edge = pose_columns(machine, found.singular)
+        return {"map.csv": map_table(machine, pose, maps(found), table.status, table.reason),
+                "singular.csv": csv_text(list(edge), list(edge.values())),
+                "modes.csv": modes_file(machine, rows), self.FILE: self.text(),
+                **map_pictures(machine, found.grid, plotted(found), found.quality.determinant)}
 
 
 def _axes(found: Workspace) -> dict[str, Range]:

@@ -15,11 +15,11 @@ from ppmcal.design.assembly_modes import Modes
 from ppmcal.design.workspace import Workspace
 from ppmcal.io import csv_text
 from ppmcal.io.results.parts import ShownTable
-from ppmcal.io.results.tables import joint_columns, map_pictures, map_table, pose_columns
+from ppmcal.io.results.tables import joint_columns, pose_columns
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.kinematics.region import Map
 from ppmcal.kinematics.tables import limit_reason
-from ppmcal.linalg import Array, finite_rows
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 
 
@@ -72,23 +72,6 @@ def plotted(found: Workspace) -> list[Map]:
         if np.isfinite(values).any():
             out.append(replace(m, values=values))
     return out
-
-
-def pictures(found: Workspace) -> dict[str, bytes]:
-    """Return file name -> PNG of every map worth one."""
-    return map_pictures(found.mechanism, found.grid, plotted(found), found.quality.determinant)
-
-
-def csv_files(found: Workspace, rows: Sequence[ModeRow]) -> dict[str, str]:
-    """Return map.csv, singular.csv and modes.csv, in the machine's units."""
-    machine = found.mechanism
-    wanted = found.grid.poses(machine)
-    pose = np.where(finite_rows(found.table.pose)[:, None], found.table.pose, wanted)
-    edge = pose_columns(machine, found.singular)
-    return {"map.csv": map_table(machine, pose, maps(found), found.table.status,
-                                 found.table.reason),
-            "singular.csv": csv_text(list(edge), list(edge.values())),
-            "modes.csv": modes_file(machine, rows)}
 
 
 def modes_file(mechanism: Mechanism, rows: Sequence[ModeRow]) -> str:
