@@ -24,9 +24,7 @@ from ppmcal.io.results.sensitivity_tables import (
     jacobian_table,
     linearity_table,
     maps,
-    parameter_name,
     pictures,
-    pose_quantity,
     ranking,
     ranking_table,
     rotates,
@@ -44,7 +42,7 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.notes import Note
 from ppmcal.store.provenance import Provenance
-from ppmcal.units import Angle, Key, Length, Quantity
+from ppmcal.units import Angle, Key, Length, Quantity, coordinate_quantity
 from ppmcal.wording import number
 
 LINEAR_WITHIN = 0.01
@@ -92,7 +90,7 @@ def _over_poses(found: Sensitivity, grid: Grid | None) -> list[str]:
                 if 1 == good.sum() < len(good) else [])
     least = found.table.pose[int(np.nanargmin(index))]
     place = ", ".join(
-        f"{name} = {number(_rounded(least[c] / units.factor(pose_quantity(c))))}"
+        f"{name} = {number(_rounded(least[c] / units.factor(coordinate_quantity(name))))}"
         for name, c in zip(found.mechanism.coordinates, found.mechanism.dof, strict=True)
         if grid is None or c in grid.coordinates)
     return [f"Over {int(good.sum())} of {len(good)} poses it goes from "
@@ -136,8 +134,8 @@ def _linearity(found: Sensitivity) -> str:
 def findings(found: Sensitivity, mechanism: Mechanism, grid: Grid | None) -> list[Note]:
     """Return what must be looked at: poses of a file that cannot be reached, wrong linear model."""
     out = list(mechanism.findings)
-    lost = [parameter_name(found, s) for s, t in zip(found.sources, found.sigma, strict=True)
-            if not t > 0.0]
+    lost = [found.mechanism.names[s.parameter]
+            for s, t in zip(found.sources, found.sigma, strict=True) if not t > 0.0]
     if lost:
         out.append(Note(
             f"{lost[0]}{f' and {len(lost) - 1} more' if len(lost) > 1 else ''} without a "
