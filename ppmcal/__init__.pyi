@@ -17,7 +17,7 @@ from ppmcal.commands.inputs import Machine
 from ppmcal.commands.inputs import load as load
 from ppmcal.commands.inputs import read_data as read_data
 from ppmcal.commands.inputs import shipped as shipped
-from ppmcal.commands.kinematics.result import KinematicsResult
+from ppmcal.commands.kinematics.run import KinematicsResult
 from ppmcal.commands.plan.run import PlanResult
 from ppmcal.commands.read.run import ReadResult
 from ppmcal.commands.report.run import ReportResult

@@ -50,6 +50,20 @@ class Modes:
         return len(self.motors)
 
 
+@dataclass(frozen=True, eq=False)
+class ModeRow:
+    """Assembly modes at one row of joint values.
+
+    ``row``: its number in the user's file from 1, 0 for home's joints; ``q`` (k,);
+    ``modes`` None where they could not be had, with the ``reason``.
+    """
+
+    row: int
+    q: Array
+    modes: Modes | None
+    reason: str = ""
+
+
 def assembly_modes(model: Model, q: Array, seed: int = 0) -> Modes:
     """Return all real platform poses that close at joint values ``q`` (k,), SI.
 

@@ -32,6 +32,7 @@ class EveryMode:
         mode: its number in its row, from 1, home's mode first (M,); 0 where there is no pose.
         own: whether it is home's assembly mode (M,).
         method: by which they were found; complete: whether there can be no others in any row.
+        home: of the N rows, home's assembly mode.
     """
 
     table: KinematicsTable
@@ -40,6 +41,12 @@ class EveryMode:
     own: Bools
     method: str
     complete: bool
+    home: KinematicsTable
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """How many modes each of the N rows has."""
+        return tuple(int((self.mode[self.row == n] > 0).sum()) for n in np.unique(self.row))
 
 
 def require_rigid(mechanism: Mechanism) -> None:
@@ -90,7 +97,7 @@ def every_mode(model: Model, own: KinematicsTable, method: str, seed: int = 0
         np.repeat(np.arange(len(parts)), [len(t.status) for t in tables]),
         np.array([m for t in tables for m in _numbers(t)], dtype=np.int64),
         np.concatenate([o for _, o in parts]) if parts else np.zeros(0, dtype=bool),
-        ", ".join(methods), complete)
+        ", ".join(methods), complete, own)
 
 
 def _together(tables: Sequence[KinematicsTable]) -> KinematicsTable:

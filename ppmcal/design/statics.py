@@ -21,6 +21,7 @@ parallel manipulators with application to stability analysis).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -32,6 +33,7 @@ from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.least_squares_closure import EXACT, curvature, symmetric_system
 from ppmcal.kinematics.loads import even_tension, only_pull
 from ppmcal.linalg import Array, Bools, Ints
+from ppmcal.model.dataset import WRENCH
 from ppmcal.model.mechanism import Mechanism
 
 FREE = 1e-9
@@ -44,6 +46,29 @@ ROUND_OFF = 1e-12
 """Tensions and gaps below this part of the largest are none."""
 E0 = 4
 """Place of e0 among the blades of a point, sphere or plane, which has none."""
+
+
+@dataclass(frozen=True)
+class AppliedLoad:
+    """The load at the tool point in base axes, N and N m, and in words."""
+
+    words: str = ""
+    fx: float | None = None
+    fy: float | None = None
+    fz: float | None = None
+    mx: float | None = None
+    my: float | None = None
+    mz: float | None = None
+
+    @classmethod
+    def of(cls, wrench: Array, words: str) -> Self:
+        """Return the load of a wrench (6,)."""
+        return cls(words=words, **dict(zip(WRENCH, wrench.tolist(), strict=True)))
+
+    @property
+    def wrench(self) -> Array:
+        """Force and moment (6,)."""
+        return np.array([getattr(self, c) for c in WRENCH], dtype=float)
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,15 +26,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import linalg
+from ppmcal.calibration.fit import GAP, gap_names
 from ppmcal.design.error_jacobian import to_tool
 from ppmcal.design.spring_model import Spring, spring_columns, springs_of
-from ppmcal.design.statics import LimbForces, limb_forces
+from ppmcal.design.statics import AppliedLoad, LimbForces, limb_forces
 from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.least_squares_closure import closed_by
 from ppmcal.kinematics.loads import only_pull
 from ppmcal.kinematics.partial_pose import pose_motor
-from ppmcal.kinematics.region import named, placed
+from ppmcal.kinematics.region import Grid, named, placed
 from ppmcal.kinematics.tables import KinematicsTable, inverse_table, refuse_singular_home
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
@@ -349,3 +350,33 @@ def stiffness_at_home(mechanism: Mechanism, tool: Array | None = None,
                        None if held is None else held.geometric)
     without = compliance(bare, table.q, pose_motor(table.pose), tool) if tension else None
     return Home(table.pose[0], table.status[0], table.reason[0], found, held, without)
+
+
+@dataclass(frozen=True, eq=False)
+class StiffnessStudy:
+    """What was asked, and what was found.
+
+    Attributes:
+        mechanism: as read.
+        wanted: poses (N, 6), nan where open; ``grid``: where they are one.
+        tool: tool point in platform axes (3,), m.
+        load: None without one.
+        home: compliance at home; ``found``: over the poses.
+        notes: what the command has to say itself.
+        tension: of ropes without the load, their mean, N.
+    """
+
+    mechanism: Mechanism
+    wanted: Array
+    grid: Grid | None
+    tool: Array
+    load: AppliedLoad | None
+    home: Home
+    found: Stiffnesses
+    notes: tuple[str, ...] = ()
+    tension: float = 0.0
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """Limbs as forces are told of them (m,), those with several conditions numbered."""
+        return tuple(name.removeprefix(GAP) for name in gap_names(self.mechanism))

@@ -39,8 +39,6 @@ from ppmcal.report.section import Folder, Kind, Section
 from ppmcal.wording import abbreviate_list
 
 SHOWN, PLOTTED = 12, 40
-WORDS = frozenset({"name", "unit", "status"})
-"""Table of compare.csv that are words; the others are numbers."""
 STYLES = {"changed": "out", "possible": "before"}
 KEYS = {"changed": "changed", "possible": "possible instead"}
 
@@ -49,13 +47,8 @@ def comparison_section(one: Held[ComparisonRecord]) -> Section:
     """Return everything about one comparison."""
     r = one.record
     return Section("Comparison of two calibrations", "".join([
-        paragraph(verdict(r), "big"), paragraph(typeset(platform_sentence(r))), _changes(r),
-        figures([differences(r.parameters)]), _likeliest(r.parameters)]), one.folder)
-
-
-def verdict(r: ComparisonRecord) -> str:
-    """Return whether the machine has changed, nothing where the JSON does not say."""
-    return typeset(verdict_sentence(r))
+        paragraph(typeset(verdict_sentence(r)), "big"), paragraph(typeset(platform_sentence(r))),
+        _changes(r), figures([differences(r.parameters)]), _likeliest(r.parameters)]), one.folder)
 
 
 def findings(r: ComparisonRecord) -> list[str]:
@@ -182,4 +175,4 @@ COMPARE: Kind[Held[ComparisonRecord]] = Kind(
     _shown, lambda one: [("compare", one.record)], lambda one, _: [
         (one.folder, text) for text in (*findings(one.record), *one.record.findings)],
     lambda one, _: {"comparison": [differences(one.record.parameters)]},
-    lambda one, _: [verdict(one.record)])
+    lambda one, _: [typeset(verdict_sentence(one.record))])

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ppmcal.io.csv import Table
-from ppmcal.io.pose_fields import EULER
+from ppmcal.io.pose_fields import EULER, QUATERNION, VECTOR
 from ppmcal.io.results.kinematics import KINEMATICS_TABLE, KinematicsRecord
 from ppmcal.kinematics.path_rates import accelerations, follows, rates, without_turns
 from ppmcal.linalg import Array, Bools, Ints
@@ -120,8 +120,7 @@ def _numbers(columns: Table, name: str) -> Array:
         return np.full(columns.size, np.nan)
 
 
-POSITION, VECTOR = ("x", "y", "z"), ("rx", "ry", "rz")
-QUATERNION = ("quat_x", "quat_y", "quat_z", "quat_w")
+POSITION = ("x", "y", "z")
 STILL = 1e-7
 """A coordinate does not move if it changes by less than this part of the largest of its kind."""
 FLAT = 0.02
@@ -310,13 +309,13 @@ def joint(motion: TimedRows, name: str) -> Drawing:
     """Return one joint's values with its limits."""
     values = motion.number(name)
     actuator, unit = name.removeprefix("q_"), motion.record.units.get(name, "")
-    limits = [v for v in motion.record.limits.get(actuator, ()) if v is not None]
+    ends = motion.record.limits.get(actuator, (None, None))
+    limits = [v for v in ends if v is not None]
     finite = values[np.isfinite(values)]
     room = NEAR_LIMIT * max(float(np.ptp(finite)), 1e-9)
     near = [v for v in limits if finite.min() - room <= v <= finite.max() + room]
     far = [with_unit(v, unit, 6) for v in limits if v not in near]
     axis = span(np.append(finite, near))
-    ends = motion.record.limits.get(actuator, (None, None))
     low, high = (-np.inf if ends[0] is None else ends[0], np.inf if ends[1] is None else ends[1])
     layers: list[Layer] = [_level(motion, v, "out", "limit") for v in near]
     over = (values < low) | (values > high)

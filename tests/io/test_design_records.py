@@ -17,10 +17,11 @@ from ppmcal.commands.tolerances.options import TolerancesArguments
 from ppmcal.commands.tolerances.run import solve
 from ppmcal.controllers import loaded
 from ppmcal.controllers.export import record_of
-from ppmcal.design.assembly_modes import assembly_modes
+from ppmcal.design.assembly_modes import ModeRow, assembly_modes
 from ppmcal.design.plan.plan import PlanOptions, plan
 from ppmcal.design.sensitivity import SensitivityOptions, analyse
-from ppmcal.design.stiffness import stiffness_at_home, stiffness_table
+from ppmcal.design.statics import AppliedLoad
+from ppmcal.design.stiffness import StiffnessStudy, stiffness_at_home, stiffness_table
 from ppmcal.design.virtual_instrument import default_instrument
 from ppmcal.design.workspace import workspace
 from ppmcal.errors import BadInput
@@ -32,10 +33,8 @@ from ppmcal.io.results.plan import PlanRecord
 from ppmcal.io.results.record import Record
 from ppmcal.io.results.sensitivity import SensitivityRecord
 from ppmcal.io.results.stiffness import StiffnessRecord
-from ppmcal.io.results.stiffness_tables import AppliedLoad, StiffnessStudy
 from ppmcal.io.results.tolerances import TolerancesRecord
 from ppmcal.io.results.workspace import WorkspaceRecord
-from ppmcal.io.results.workspace_tables import ModeRow
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.model.mechanism import Mechanism

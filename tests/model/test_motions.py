@@ -217,7 +217,6 @@ def test_no_other_module_names_a_motion() -> None:
     """No text of the package outside of the declarations is the name of one."""
     root = Path(package.__file__).parent
     senses = {("io/results/stiffness.py", "translational"),     # of the compliance, its block
-              ("io/results/stiffness_tables.py", "translational"),
               ("controllers/mjcf/writer.py", "spatial")}          # a tendon through space
     found = {(path.relative_to(root).as_posix(), node.value) for path in root.rglob("*.py")
              for node in nodes_of(path)

@@ -29,8 +29,7 @@ def spiral(rows=41, header="time"):
 
 
 def figures(result):
-    made = result._made
-    return kinematics_figures(made.record, drawn_columns(made.columns))
+    return kinematics_figures(result.record, drawn_columns(result.columns))
 
 
 @pytest.mark.slow
@@ -137,8 +136,7 @@ def test_a_spatial_path_is_seen_from_where_it_is_wide():
 def test_of_all_modes_the_machines_own_is_drawn():
     joints = face.inverse(CONFIGS / "3-RPR.yaml", spiral()).q * 1e3
     result = face.forward(CONFIGS / "3-RPR.yaml", joints, all_modes=True)
-    made = result._made
-    motion = motion_of(made.record, drawn_columns(made.columns))
+    motion = motion_of(result.record, drawn_columns(result.columns))
     one = face.forward(CONFIGS / "3-RPR.yaml", joints)
     assert motion.at.size == 41 < len(result.table.status)
     seen = np.isfinite(motion.number("x"))

@@ -174,7 +174,7 @@ class ComparisonResult(Result):
 
     def files(self) -> Mapping[str, str | bytes]:
         """Return compare.csv and comparison.json."""
-        return dict(self.record.files())
+        return self.record.files()
 
     @property
     def warnings(self) -> list[str]:

@@ -17,13 +17,15 @@ from ppmcal.commands.spec import (
     seed,
 )
 
+WHICH = ("inverse", "forward", "velocity")
+
 
 @dataclass(frozen=True)
 class KinematicsArguments(Arguments):
     """Which kinematics of which table, and how poses are written."""
 
     which: str = argument("", "inverse, forward or velocity; see the functions of these names.",
-                          choices=("inverse", "forward", "velocity"))
+                          choices=WHICH)
     mechanism: Machine = mechanism()
     table: Table = argument("TABLE", "Poses, joint values, or poses with velocities.",
                             words="table")

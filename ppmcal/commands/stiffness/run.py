@@ -12,17 +12,12 @@ import numpy as np
 from ppmcal.commands.inputs import files_of, load
 from ppmcal.commands.result import Result
 from ppmcal.commands.stiffness.options import StiffnessArguments
-from ppmcal.design.stiffness import stiffness_at_home, stiffness_table
+from ppmcal.design.statics import AppliedLoad
+from ppmcal.design.stiffness import StiffnessStudy, stiffness_at_home, stiffness_table
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import read_poses
 from ppmcal.io.grid import read_grid, read_point
-from ppmcal.io.results.stiffness import StiffnessRecord
-from ppmcal.io.results.stiffness_tables import (
-    AppliedLoad,
-    StiffnessStudy,
-    force_table,
-    share_table,
-)
+from ppmcal.io.results.stiffness import StiffnessRecord, force_table, share_table
 from ppmcal.kinematics.loads import only_pull
 from ppmcal.kinematics.region import Grid
 from ppmcal.linalg import Array

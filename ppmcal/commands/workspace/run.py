@@ -9,15 +9,20 @@ from typing import Any, ClassVar
 from ppmcal.commands.inputs import files_of, load, place_of
 from ppmcal.commands.result import Result
 from ppmcal.commands.workspace.options import WorkspaceArguments
-from ppmcal.design.assembly_modes import assembly_modes
+from ppmcal.design.assembly_modes import ModeRow, assembly_modes
 from ppmcal.design.workspace import Workspace
 from ppmcal.design.workspace import workspace as mapped
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import read_joints
 from ppmcal.io.grid import read_grid
-from ppmcal.io.results.workspace import WorkspaceRecord, reach, singularities
-from ppmcal.io.results.workspace import assembly_modes as modes_words
-from ppmcal.io.results.workspace_tables import ModeRow, left_table, modes_table, pictures
+from ppmcal.io.results.workspace import (
+    WorkspaceRecord,
+    left_table,
+    modes_sentences,
+    modes_table,
+    reach,
+    singularities,
+)
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.tables import refuse_singular_home
@@ -52,17 +57,17 @@ class WorkspaceResult(Result):
 
     def files(self) -> Mapping[str, str | bytes]:
         """Return map.csv, singular.csv, modes.csv, workspace.json and pictures."""
-        return {**self.record.files(self.workspace, list(self.modes)), **pictures(self.workspace)}
+        return self.record.files(self.workspace, self.modes)
 
     def told(self) -> Iterator[str | ShortTable]:
         """Yield everything in sentences, with the tables that belong to it."""
-        found, rows = self.workspace, list(self.modes)
+        found, rows = self.workspace, self.modes
         yield from reach(found)
         if found.table.status.count("ok") < len(found.table.status):
             left = left_table(found)
             yield ShortTable(left.columns, left.rows[:SHOWN], (1,))
         yield from singularities(found)
-        yield from modes_words(found, rows)
+        yield from modes_sentences(found, rows)
         table = modes_table(found, rows)
         if table is not None:
             yield ShortTable(table.columns, table.rows[:SHOWN], range(len(table.columns) - 1))

@@ -144,23 +144,19 @@ class ComparisonRecord(Record):
            notes: Sequence[str] = (), anew: Sequence[str] = (), *, again: bool = False
            ) -> ComparisonRecord:
         """Return the record of a comparison; ``anew``: ``fitted_anew``."""
+        own: dict[str, Any] = {"format": cls.FORMAT, "name": mechanism.name,
+                               "findings": tuple(notes), "provenance": provenance}
         if found.why_not:
-            return cls(format=cls.FORMAT, name=mechanism.name, verdict=NOT_COMPARED,
-                       why_not=found.why_not, findings=tuple(notes),
-                       provenance=Provenance(**provenance))
-        return cls(format=cls.FORMAT, name=mechanism.name,
-                   verdict="changed" if found.changed else "unchanged", chi2=found.chi2,
-                   degrees=found.freedom, p_value=found.p_value,
-                   nothing=found.nothing,
+            return cls(**own, verdict=NOT_COMPARED, why_not=found.why_not)
+        return cls(**own, verdict="changed" if found.changed else "unchanged", chi2=found.chi2,
+                   degrees=found.freedom, p_value=found.p_value, nothing=found.nothing,
                    changes=tuple(NamedChange.of(c, mechanism, found.coverage)
-                                 for c in found.changes),
-                   unlisted=found.unlisted,
+                                 for c in found.changes), unlisted=found.unlisted,
                    **_moved(found.pose_difference, mechanism),
                    noise_old=found.noise.old, noise_new=found.noise.new,
                    alike=1.0 - found.noise.share**2, same_poses=found.noise.same,
-                   parameters=tuple(_parameters(found, mechanism)), findings=tuple(notes),
-                   fitted_anew=tuple(anew), again=again,
-                   provenance=Provenance(**provenance))
+                   parameters=tuple(_parameters(found, mechanism)), fitted_anew=tuple(anew),
+                   again=again)
 
     def files(self) -> dict[str, str]:
         """Return file name -> text of everything that compare writes."""

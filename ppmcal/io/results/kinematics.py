@@ -8,8 +8,9 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from ppmcal.io import csv_text
+from ppmcal.design.every_mode import EveryMode
 from ppmcal.io.pose_fields import EULER, QUATERNION, columns_of
+from ppmcal.io.poses import Given
 from ppmcal.io.results.parts import ErrorSize
 from ppmcal.io.results.record import Finite, Flag, Part, Record, Shown, Text, Whole
 from ppmcal.io.results.tables import (
@@ -18,11 +19,12 @@ from ppmcal.io.results.tables import (
     filled_columns,
     joint_columns,
     pose_columns,
+    status_counts,
     unit_map,
 )
 from ppmcal.kinematics.rotations import euler_like, to_quaternion
 from ppmcal.kinematics.tables import SINGULAR, KinematicsTable, home_singular_value
-from ppmcal.linalg import Array, Bools, Ints
+from ppmcal.linalg import Array, Bools
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.store.provenance import Provenance
@@ -132,35 +134,6 @@ class PoseFormat:
         return own | dict(zip(columns_of(self.rotation), turned.T, strict=True)), locked
 
 
-@dataclass(frozen=True, eq=False)
-class ModeColumns:
-    """Which assembly mode each of M poses is.
-
-    Attributes:
-        row: of the table of joint values, from 1 (M,); mode: from 1 in each row, 0 for a row
-            without any pose (M,).
-        own: whether it is the machine's own mode, that of home and the branches (M,).
-        status: of the machine's own mode at each row of the table, with the reason (N,).
-        method: how they were found; complete: whether there can be no others.
-    """
-
-    row: Ints
-    mode: Ints
-    own: Bools
-    status: tuple[tuple[str, str], ...]
-    method: str
-    complete: bool
-
-    def columns(self) -> dict[str, Any]:
-        """Return the columns ``row``, ``mode`` and ``own`` (1 or 0)."""
-        return {"row": self.row, "mode": self.mode, "own": self.own.astype(int)}
-
-    @property
-    def counts(self) -> tuple[int, ...]:
-        """How many modes each row of the table has."""
-        return tuple(int((self.mode[self.row == n] > 0).sum()) for n in np.unique(self.row))
-
-
 class KinematicsRecord(Record):
     """kinematics.json: what was solved.
 
@@ -192,26 +165,22 @@ class KinematicsRecord(Record):
 
     @classmethod
     def of(cls, mechanism: Mechanism, table: KinematicsTable, which: str, form: PoseFormat,
-           names: Sequence[str], provenance: Mapping[str, Any],
-           modes: ModeColumns | None = None,
-           uncertainty: KinematicsUncertainty | None = None) -> KinematicsRecord:
+           names: Sequence[str], provenance: Mapping[str, Any], modes: EveryMode | None,
+           uncertainty: KinematicsUncertainty) -> KinematicsRecord:
         """Return the record of a table whose columns are ``names``."""
         home = home_singular_value(mechanism)[0]
-        chosen: dict[str, Any] = {"rotation": form.rotation}
-        if form.tool is not None:
-            chosen |= {"tool": form.tool, "tool_unit": mechanism.units.length}
+        chosen: dict[str, Any] = {} if form.tool is None else {
+            "tool": form.tool, "tool_unit": mechanism.units.length}
         if form.method:
             chosen["method"] = form.method
         if modes is not None:
             chosen |= {"mode_method": modes.method, "all_modes": modes.complete,
                        "modes": modes.counts}
         return cls.filled(
-                   None, mechanism.units, format=cls.FORMAT, which=which, rows=len(table.status),
-                   status={s: table.status.count(s) for s in sorted(set(table.status))},
-                   units=column_units(mechanism, names), **chosen, limits=_limits(mechanism),
-                   uncertainty=uncertainty or KinematicsUncertainty(),
-                   conditioning={"home": home, "singular": SINGULAR * home},
-                   provenance=Provenance(**provenance))
+            None, mechanism.units, format=cls.FORMAT, which=which, rows=len(table.status),
+            status=status_counts(table.status), units=column_units(mechanism, names),
+            rotation=form.rotation, **chosen, limits=_limits(mechanism), uncertainty=uncertainty,
+            conditioning={"home": home, "singular": SINGULAR * home}, provenance=provenance)
 
 
 def _limits(mechanism: Mechanism) -> dict[str, tuple[float | None, float | None]]:
@@ -225,42 +194,26 @@ def _limits(mechanism: Mechanism) -> dict[str, tuple[float | None, float | None]
     return out
 
 
-@dataclass(frozen=True, eq=False)
-class KinematicsFiles:
-    """kinematics.csv, column by column, and kinematics.json; ``locked``: rows in gimbal lock."""
-
-    columns: Mapping[str, Any]
-    record: KinematicsRecord
-    locked: int
-
-    def texts(self) -> dict[str, str]:
-        """Return file name -> text."""
-        return {"kinematics.csv": csv_text(list(self.columns), list(self.columns.values())),
-                self.record.FILE: self.record.text()}
-
-
-def kinematics_files(mechanism: Mechanism, table: KinematicsTable, header: Sequence[str],
-                     columns: Sequence[Any], which: str, provenance: Mapping[str, Any],
-                     form: PoseFormat | None = None, modes: ModeColumns | None = None,
-                     sure: ModelSigma | None = None) -> KinematicsFiles:
-    """Return what is written of a table.
+def kinematics_columns(mechanism: Mechanism, table: KinematicsTable, which: str, given: Given,
+                       form: PoseFormat, modes: EveryMode | None, sigmas: Mapping[str, Array]
+                       ) -> tuple[dict[str, Any], int]:
+    """Return kinematics.csv, column by column, and how many rows are in gimbal lock.
 
     Args:
         mechanism: the machine.
         table: kinematics of N rows, SI.
-        header: names of the columns that were given.
-        columns: those columns (N,), file units.
         which: ``inverse``, ``forward`` or ``velocity``.
-        provenance: of kinematics.json.
+        given: names and values (N,) of the columns that were given, file units.
         form: tool point and convention of rotations.
         modes: which assembly mode each row is, where all of them are wanted.
-        sure: how well the model itself is known.
+        sigmas: columns of standard deviations.
     """
-    form = form or PoseFormat()
+    header, columns = given
     own = dict(zip(header, columns, strict=True))
     pose, locked = form.columns(mechanism, table.pose if form.pose is None else form.pose,
                                 own if which == "inverse" else None)
-    added: dict[str, Any] = {} if modes is None else modes.columns()
+    added: dict[str, Any] = {} if modes is None else {
+        "row": modes.row + 1, "mode": modes.mode, "own": modes.own.astype(int)}
     if which == "forward":
         added |= pose
     else:
@@ -271,15 +224,10 @@ def kinematics_files(mechanism: Mechanism, table: KinematicsTable, header: Seque
         added |= {k: v for k, v in pose.items() if k not in header}
     if which == "velocity":
         added |= joint_columns(mechanism, table.rate, "rate_{}")
-    if sure is not None:
-        added |= sure.columns
-    added |= {"condition": table.singular_value, "status": list(table.status), "reason": [
+    added |= {**sigmas, "condition": table.singular_value, "status": list(table.status), "reason": [
         LOCKED if lock and not r else r for r, lock in zip(table.reason, locked, strict=True)]}
     # what was computed stands in place of input columns of the same name
-    together = {**own, **added}
-    record = KinematicsRecord.of(mechanism, table, which, form, list(together), provenance, modes,
-                                 None if sure is None else sure.entry)
-    return KinematicsFiles(together, record, int(locked.sum()))
+    return {**own, **added}, int(locked.sum())
 
 
 def solved_sentence(solved: int, rows: int) -> str:

@@ -179,7 +179,7 @@ class PlanRecord(AnalysisRecord):
             candidates=len(plan.pool), left_out=dict(plan.pool.left_out),
             not_told=plan.offer.dropped,
             route={"before": plan.route.before, "after": plan.route.after},
-            provenance=Provenance(**provenance))
+            provenance=provenance)
 
     def files(self, plan: Plan, wanted: float | None) -> dict[str, str | bytes]:
         """Return file name -> content of everything that plan writes, in the machine's units."""

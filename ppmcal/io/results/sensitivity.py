@@ -24,9 +24,7 @@ from ppmcal.io.results.sensitivity_tables import (
     jacobian_table,
     linearity_table,
     maps,
-    parameter_name,
     pictures,
-    pose_quantity,
     ranking,
     ranking_table,
     rotates,
@@ -35,7 +33,7 @@ from ppmcal.io.results.sensitivity_tables import (
     size_quantity,
     size_unit,
 )
-from ppmcal.io.results.tables import map_table, unit_map
+from ppmcal.io.results.tables import map_table, status_counts, unit_map
 from ppmcal.io.results.units import error_words
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.region import Grid
@@ -44,7 +42,7 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.notes import Note
 from ppmcal.store.provenance import Provenance
-from ppmcal.units import Angle, Key, Length, Quantity
+from ppmcal.units import Angle, Key, Length, Quantity, coordinate_quantity
 from ppmcal.wording import number
 
 LINEAR_WITHIN = 0.01
@@ -92,7 +90,7 @@ def _over_poses(found: Sensitivity, grid: Grid | None) -> list[str]:
                 if 1 == good.sum() < len(good) else [])
     least = found.table.pose[int(np.nanargmin(index))]
     place = ", ".join(
-        f"{name} = {number(_rounded(least[c] / units.factor(pose_quantity(c))))}"
+        f"{name} = {number(_rounded(least[c] / units.factor(coordinate_quantity(name))))}"
         for name, c in zip(found.mechanism.coordinates, found.mechanism.dof, strict=True)
         if grid is None or c in grid.coordinates)
     return [f"Over {int(good.sum())} of {len(good)} poses it goes from "
@@ -136,8 +134,8 @@ def _linearity(found: Sensitivity) -> str:
 def findings(found: Sensitivity, mechanism: Mechanism, grid: Grid | None) -> list[Note]:
     """Return what must be looked at: poses of a file that cannot be reached, wrong linear model."""
     out = list(mechanism.findings)
-    lost = [parameter_name(found, s) for s, t in zip(found.sources, found.sigma, strict=True)
-            if not t > 0.0]
+    lost = [found.mechanism.names[s.parameter]
+            for s, t in zip(found.sources, found.sigma, strict=True) if not t > 0.0]
     if lost:
         out.append(Note(
             f"{lost[0]}{f' and {len(lost) - 1} more' if len(lost) > 1 else ''} without a "
@@ -219,7 +217,7 @@ class SensitivityRecord(AnalysisRecord):
             None, units, format=cls.FORMAT, name=found.mechanism.name,
             summary=(*sentences(found, grid), *geometry_note(mechanism)),
             units=_units(found, grid), findings=tuple(findings(found, mechanism, grid)),
-            errors=len(found.sources), poses={s: status.count(s) for s in sorted(set(status))},
+            errors=len(found.sources), poses=status_counts(status),
             metric=found.asked.metric, metric_unit=units.length,
             tool=found.asked.tool, tool_unit=units.length,
             amplification_position=amplification[0], amplification_rotation=amplification[1],
@@ -233,7 +231,7 @@ class SensitivityRecord(AnalysisRecord):
             linear_to_unit=size_unit(found),
             tables=(share_table(found, "limb"), share_table(found, "slot"),
                     ranking_table(found)),
-            provenance=Provenance(**provenance), pictures=captions(found, grid))
+            provenance=provenance, pictures=captions(found, grid))
 
     def files(self, found: Sensitivity, grid: Grid | None, listed: bool
               ) -> dict[str, str | bytes]:

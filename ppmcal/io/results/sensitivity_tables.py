@@ -8,16 +8,16 @@ import numpy as np
 
 from ppmcal.calibration.fit import pictures_beside
 from ppmcal.design.error_jacobian import Poses, determinants, error_jacobian
-from ppmcal.design.error_sources import Source
 from ppmcal.design.sensitivity import Sensitivity
 from ppmcal.io.results.parts import ShownTable
 from ppmcal.io.results.record import Column, in_units
-from ppmcal.io.results.tables import map_pictures
+from ppmcal.io.results.tables import error_columns, error_unit, map_pictures
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import Grid, Map
 from ppmcal.linalg import finite_rows
 from ppmcal.model.motions import POSE_COORDINATES
+from ppmcal.units import coordinate_quantity
 
 LISTED = 15
 LINEARITY = "Linear against nonlinear model at home"
@@ -31,23 +31,6 @@ def rotates(found: Sensitivity) -> bool:
     return found.mechanism.motion.turns
 
 
-def parameter_name(found: Sensitivity, source: Source) -> str:
-    """Return the name of an error's parameter."""
-    return found.mechanism.parameters[source.parameter].name
-
-
-def parameter_unit(found: Sensitivity, source: Source) -> tuple[float, str]:
-    """Return SI value and name of an error's unit."""
-    p, units = found.mechanism.parameters[source.parameter], found.mechanism.units
-    more = " per unit" if p.per_unit else ""
-    return units.factor(p.quantity), units.name(p.quantity) + more
-
-
-def pose_quantity(coordinate: int) -> str:
-    """Return what a pose coordinate is, ``length`` or ``angle``."""
-    return "length" if coordinate < 3 else "angle"
-
-
 def ranking(found: Sensitivity) -> list[Column]:
     """Return the columns of sensitivity.csv: one row per error, the largest part first.
 
@@ -57,16 +40,11 @@ def ranking(found: Sensitivity) -> list[Column]:
     """
     share = found.share()
     order = np.argsort(-np.round(share, EQUAL), kind="stable")
-    picked = [found.sources[i] for i in order]
-    unit = np.array([parameter_unit(found, s)[0] for s in picked])
+    named, unit = error_columns(found.mechanism, [found.sources[i] for i in order], "kind")
     sigma = found.sigma[order]
-    out = [Column("rank", np.arange(1, len(picked) + 1)),
-           Column("name", [parameter_name(found, s) for s in picked]),
-           Column("limb", [s.limb for s in picked]), Column("slot", [s.group for s in picked]),
-           Column("kind", [s.kind for s in picked]),
-           Column("unit", [parameter_unit(found, s)[1] for s in picked]),
+    out = [Column("rank", np.arange(1, len(order) + 1)), *named,
            Column("tolerance", np.where(sigma > 0.0, sigma, np.nan) / unit)]
-    out += [Column(f"d{c}", found.jacobian[row, order] * unit, pose_quantity(row))
+    out += [Column(f"d{c}", found.jacobian[row, order] * unit, coordinate_quantity(c))
             for row, c in enumerate(POSE_COORDINATES) if row in found.mechanism.dof]
     parts = [("position", "length", found.over.by_position[order], share[order])]
     if rotates(found):
@@ -83,12 +61,10 @@ def shares(found: Sensitivity, by: str) -> list[tuple[str, float, float]]:
 
     ``by``: ``limb``, ``slot``, ``kind`` or ``quantity``.
     """
-    def group(s: Source) -> str:
-        return {"limb": s.limb, "slot": s.group, "kind": s.kind,
-                "quantity": found.mechanism.parameters[s.parameter].quantity}[by]
-
     both = np.stack([found.share(), found.share(rotation=True)])
-    names = [group(s) for s in found.sources]
+    names = [{"limb": s.limb, "slot": s.group, "kind": s.kind,
+              "quantity": found.mechanism.parameters[s.parameter].quantity}[by]
+             for s in found.sources]
     out = []
     for name in dict.fromkeys(names):
         mine = both[:, [n == name for n in names]].sum(axis=1)
@@ -130,8 +106,7 @@ def size_unit(found: Sensitivity) -> str:
     """Return the unit of the linearity curve's sizes."""
     if not found.asked.together:
         return "times the tolerances"
-    first = next(s for s in found.sources if s.parameter == found.moved[0])
-    return parameter_unit(found, first)[1]
+    return error_unit(found.mechanism, found.moved[0])
 
 
 def linearity_table(found: Sensitivity) -> list[Column]:
@@ -152,11 +127,10 @@ def jacobian_table(found: Sensitivity) -> list[Column]:
     at = Poses(found.table.q[good], pose_motor(found.table.pose[good]), found.asked.tool)
     free = [s.parameter for s in found.sources]
     values = error_jacobian(Model(found.mechanism), at, free)
-    per = np.array([parameter_unit(found, s)[0] for s in found.sources])
-    names = [parameter_name(found, s) for s in found.sources]
+    (name, *_), per = error_columns(found.mechanism, found.sources, "kind")
     out = [Column("row", np.repeat(np.flatnonzero(good) + 1, len(free))),
-           Column("name", names * int(good.sum()))]
-    return out + [Column(f"d{c}", (values[:, row] * per).ravel(), pose_quantity(row))
+           Column("name", name.values * int(good.sum()))]
+    return out + [Column(f"d{c}", (values[:, row] * per).ravel(), coordinate_quantity(c))
                   for row, c in enumerate(POSE_COORDINATES) if row in found.mechanism.dof]
 
 

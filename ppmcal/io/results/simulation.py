@@ -73,7 +73,7 @@ class TruthRecord(Record):
                           **places, target_rotation=scenario.target_rotation,
                           outliers=np.flatnonzero(campaign.outlier) + 1,
                           effects=effects_tree(campaign.with_effects), left_out=campaign.left_out,
-                          units=units, provenance=Provenance(**provenance))
+                          units=units, provenance=provenance)
 
 
 def files(mechanism: Mechanism, scenario: Scenario, campaign: Campaign, name: str,

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ppmcal.design.stiffness import Home, Principal, Stiffnesses
-from ppmcal.io.results.stiffness_tables import AppliedLoad, StiffnessStudy
+from ppmcal.design.statics import AppliedLoad
+from ppmcal.design.stiffness import Principal, StiffnessStudy
+from ppmcal.io.results.tables import status_counts
 from ppmcal.kinematics.loads import only_pull
 from ppmcal.kinematics.tables import SINGULAR_HOME, home_singular_value
 from ppmcal.linalg import Array, Bools
@@ -24,16 +25,13 @@ ALIKE = 1.001
 
 def sentences(study: StiffnessStudy) -> list[str]:
     """Return the result in words, the most important first."""
-    return [*_at_home(study.mechanism, study.home, study.tool, study.load),
-            *_held_at_home(study), *_tension_at_home(study),
-            *_over_poses(study.mechanism, study.found, study.home),
-            *study.notes, *_assumptions(study.mechanism, study.tension)]
+    return [*_at_home(study), *_held_at_home(study), *_tension_at_home(study),
+            *_over_poses(study), *study.notes, *_assumptions(study.mechanism, study.tension)]
 
 
 def findings(study: StiffnessStudy) -> list[Note]:
     """Return what the user must look at."""
-    return [*_home_findings(study.mechanism, study.home, study.load), *_slack_findings(study),
-            *_map_findings(study.mechanism, study.found, study.load)]
+    return [*_home_findings(study), *_slack_findings(study), *_map_findings(study)]
 
 
 def _amount(mechanism: Mechanism, value: float, quantity: str) -> str:
@@ -48,13 +46,12 @@ def _amount(mechanism: Mechanism, value: float, quantity: str) -> str:
     return text
 
 
-def _at_home(mechanism: Mechanism, home: Home, tool: Array, load: AppliedLoad | None) -> list[str]:
+def _at_home(study: StiffnessStudy) -> list[str]:
     """Return what there is to say of home."""
-    point = "the platform origin"
-    if tool.any():
-        place = tool[[c for c in mechanism.dof if c < 3]] / mechanism.units.factor("length")
+    point, mechanism, found = "the platform origin", study.mechanism, study.home.compliance
+    if study.tool.any():
+        place = study.tool[[c for c in mechanism.dof if c < 3]] / mechanism.units.factor("length")
         point = f"the tool point {_tuple(place)} {mechanism.units.length} in platform axes"
-    found = home.compliance
     if not np.isfinite(found.factor).all():
         return [f"At home the tension leaves {point} no stiffness: the pose is not stable."]
     out = [f"At home, at {point}: translational stiffness "
@@ -63,8 +60,8 @@ def _at_home(mechanism: Mechanism, home: Home, tool: Array, load: AppliedLoad | 
     if turning.values.shape[1]:
         out.append("Rotational stiffness there: "
                    f"{_span(mechanism, turning, 'N.m/angle', 'axis')}.")
-    if load is not None:
-        out.append(_deflection(mechanism, home, load))
+    if study.load is not None:
+        out.append(_deflection(study, study.load))
     return out
 
 
@@ -85,17 +82,17 @@ def _span(mechanism: Mechanism, found: Principal, quantity: str, what: str) -> s
     return " to ".join(out)
 
 
-def _deflection(mechanism: Mechanism, home: Home, load: AppliedLoad) -> str:
+def _deflection(study: StiffnessStudy, load: AppliedLoad) -> str:
     """Return by how far the tool gives way at home."""
+    mechanism, home = study.mechanism, study.home
     if not np.isfinite(home.compliance.shares(load.wrench)).any():
         return f"Under {load.words} nothing gives way there."
     moved = home.deflection(load.wrench)
     if np.isnan(moved).any():
         return f"Under {load.words} ropes do not hold the platform there."
-    whole = max(np.linalg.norm(moved[:3]),
-                np.linalg.norm(moved[3:]) * mechanism.length_scale)
-    scale = np.repeat([1.0, mechanism.length_scale], 3)
-    moved = np.where(np.abs(moved) * scale > ROUND_OFF * whole, moved, 0.0)
+    scaled = moved * np.repeat([1.0, mechanism.length_scale], 3)
+    whole = max(np.linalg.norm(scaled[:3]), np.linalg.norm(scaled[3:]))
+    moved = np.where(np.abs(scaled) > ROUND_OFF * whole, moved, 0.0)
     units, length = mechanism.units, mechanism.units.factor("length")
     axes = [c for c in mechanism.dof if c < 3]
     size = _amount(mechanism, float(np.linalg.norm(moved[:3])), "length")
@@ -108,16 +105,16 @@ def _deflection(mechanism: Mechanism, home: Home, load: AppliedLoad) -> str:
     return out + "."
 
 
-def _over_poses(mechanism: Mechanism, found: Stiffnesses, home: Home) -> list[str]:
+def _over_poses(study: StiffnessStudy) -> list[str]:
     """Return what there is to say of the poses."""
-    ok = found.ok
+    mechanism, found, ok = study.mechanism, study.found, study.found.ok
     out = [f"{int(ok.sum())} of {len(ok)} poses are within limits and reach."]
     soft = np.where(ok, found.translational[:, 0], np.nan)
     if not np.isfinite(soft).any():
         return out
     low, high = int(np.nanargmin(soft)), int(np.nanargmax(np.where(np.isinf(soft), np.nan, soft)))
-    at_home = float(home.compliance.translational().values[0, 0])
-    at = [f"{_amount(mechanism, float(soft[n]), 'N/length')} at {_place(mechanism, found, n)}"
+    at_home = float(study.home.compliance.translational().values[0, 0])
+    at = [f"{_amount(mechanism, float(soft[n]), 'N/length')} at {_place(study, n)}"
           for n in (low, high)]
     home_too = f"; at home it is {_amount(mechanism, at_home, 'N/length')}"
     out.append(f"The softest direction's translational stiffness goes from {at[0]} to {at[1]}"
@@ -126,14 +123,14 @@ def _over_poses(mechanism: Mechanism, found: Stiffnesses, home: Home) -> list[st
         size = np.linalg.norm(found.deflection[:, :3], axis=1)
         if np.isfinite(size).any():
             worst = int(np.nanargmax(size))
-            out.append(f"The load moves the tool most at {_place(mechanism, found, worst)}: "
+            out.append(f"The load moves the tool most at {_place(study, worst)}: "
                        f"{_amount(mechanism, float(size[worst]), 'length')}.")
     return out
 
 
-def _place(mechanism: Mechanism, found: Stiffnesses, row: int) -> str:
+def _place(study: StiffnessStudy, row: int) -> str:
     """Return a pose in words, rotations that do not matter left out."""
-    pose = found.table.pose[row]
+    mechanism, pose = study.mechanism, study.found.table.pose[row]
     turned = any(c >= 3 and abs(pose[c]) > 1e-9 for c in mechanism.dof)
     parts = []
     for c in mechanism.dof:
@@ -171,13 +168,11 @@ def _assumptions(mechanism: Mechanism, tension: float) -> list[str]:
     return out
 
 
-def _home_findings(mechanism: Mechanism, home: Home, load: AppliedLoad | None) -> list[Note]:
+def _home_findings(study: StiffnessStudy) -> list[Note]:
     """Return what is wrong with home."""
-    out = []
-    if load is not None:
-        moved = home.deflection(load.wrench)
-        if _too_far(moved[None], mechanism)[0]:
-            out.append(_nonlinear(f"at home {load.words}", ""))
+    out, home, load = list[Note](), study.home, study.load
+    if load is not None and _too_far(home.deflection(load.wrench)[None], study.mechanism)[0]:
+        out.append(_nonlinear(f"at home {load.words}", ""))
     if not np.isfinite(home.compliance.factor).all():
         out.append(Note("home is not stable under this tension: ropes pull the platform away from "
                         "it. Take less tension, or stiffer ropes"))
@@ -242,14 +237,15 @@ def _slack_findings(study: StiffnessStudy) -> list[Note]:
     return out
 
 
-def _map_findings(mechanism: Mechanism, found: Stiffnesses, load: AppliedLoad | None
-                  ) -> list[Note]:
+def _map_findings(study: StiffnessStudy) -> list[Note]:
     """Return what is wrong with the poses."""
+    found, load = study.found, study.load
     if not found.ok.any():
-        return [Note("no pose has a stiffness: " + _reasons(found))]
+        return [Note("no pose has a stiffness: " + ", ".join(
+            f"{count} {status}" for status, count in status_counts(found.table.status).items()))]
     if found.deflection is None or load is None:
         return []
-    far = int(np.sum(_too_far(found.deflection, mechanism)))
+    far = int(np.sum(_too_far(found.deflection, study.mechanism)))
     return [_nonlinear(load.words, f", at {far} of {int(found.ok.sum())} poses")] if far else []
 
 
@@ -262,11 +258,6 @@ def _too_far(moved: Array, mechanism: Mechanism) -> Bools:
 def _nonlinear(load: str, where: str) -> Note:
     return Note(f"{load} moves the tool by more than {LINEAR:.0%} of the reach, or turns it by "
                 f"more than {LINEAR} rad{where}: too far for a linear model")
-
-
-def _reasons(found: Stiffnesses) -> str:
-    counts = {s: found.table.status.count(s) for s in sorted(set(found.table.status))}
-    return ", ".join(f"{count} {status}" for status, count in counts.items())
 
 
 def _tuple(values: Sequence[float] | Array) -> str:

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
 from ppmcal.calibration.fit import pictures_beside
 from ppmcal.codec import AGAIN
+from ppmcal.design.error_sources import Source
 from ppmcal.errors import BadInput
 from ppmcal.io import csv_text
 from ppmcal.io.csv import Table, csv_table, joined, refuse_absurd, whole_rows
 from ppmcal.io.csv_body import Cells
 from ppmcal.io.pose_fields import EULER
-from ppmcal.io.results.record import Part
+from ppmcal.io.results.record import Column, Part
 from ppmcal.kinematics.region import Grid, Map
 from ppmcal.limits import refuse_shape
 from ppmcal.linalg import Array
@@ -33,6 +35,11 @@ def finite_number(value: Any) -> float | None:
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     return float(value) if abs(value) <= LARGEST else None
+
+
+def status_counts(status: Sequence[str]) -> dict[str, int]:
+    """Return how many rows have each status."""
+    return dict(sorted(Counter(status).items()))
 
 
 def joint_columns(mechanism: Mechanism, q: Array, pattern: str) -> dict[str, Array]:
@@ -99,6 +106,26 @@ def column_units(mechanism: Mechanism, header: Sequence[str]) -> dict[str, str]:
                                  or is_own_reading(bare)):
                 out[name] = units.name(coordinate_quantity(bare))
     return out
+
+
+def error_unit(mechanism: Mechanism, parameter: int) -> str:
+    """Return the unit of the error of a parameter."""
+    p = mechanism.parameters[parameter]
+    return mechanism.units.name(p.quantity) + " per unit" * p.per_unit
+
+
+def error_columns(mechanism: Mechanism, errors: Sequence[Source], of: Literal["kind", "class"]
+                  ) -> tuple[list[Column], Array]:
+    """Return the columns that name errors (S,), ``of`` which kind or class each is, and its unit.
+
+    Last, the SI value of one of each's unit (S,).
+    """
+    named = {"name": [mechanism.names[e.parameter] for e in errors],
+             "limb": [e.limb for e in errors], "slot": [e.group for e in errors],
+             of: [e.kind if of == "kind" else e.tolerance_class for e in errors],
+             "unit": [error_unit(mechanism, e.parameter) for e in errors]}
+    return [Column(n, words) for n, words in named.items()], np.array([
+        mechanism.units.factor(mechanism.parameters[e.parameter].quantity) for e in errors])
 
 
 def filled_columns(header: Sequence[str], columns: Sequence[Any], found: Mapping[str, Array]

@@ -16,7 +16,7 @@ from ppmcal.design.tolerance_allocation import AccuracyCheck, Allocation, Demand
 from ppmcal.io import write_mechanism
 from ppmcal.io.results.parts import AnalysisRecord, ShownTable, geometry_note
 from ppmcal.io.results.record import Column, Shown, Text, Whole, in_units, table_text
-from ppmcal.io.results.tables import pose_columns, unit_map
+from ppmcal.io.results.tables import error_columns, pose_columns, unit_map
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
@@ -72,17 +72,9 @@ def tolerance_table(r: ToleranceResult) -> list[Column]:
 
     inf: the tool is not sensitive to it.
     """
-    units = r.machine.units
-    parameters = [r.machine.parameters[s.parameter] for s in r.sources]
-    unit = np.array([units.factor(p.quantity) for p in parameters])
-    out = [Column("name", [p.name for p in parameters]),
-           Column("limb", [s.limb for s in r.sources]),
-           Column("slot", [s.group for s in r.sources]),
-           Column("class", [s.tolerance_class for s in r.sources]),
-           Column("unit", [units.name(p.quantity) + (" per unit" if p.per_unit else "")
-                           for p in parameters])]
-    out += [Column(f"tolerance_{m}", r.allocations[m].tau / unit) for m in METHODS]
-    return [*out, Column("chosen", r.allocations[r.chosen].tau / unit)]
+    named, unit = error_columns(r.machine, r.sources, "class")
+    return [*named, *(Column(f"tolerance_{m}", r.allocations[m].tau / unit) for m in METHODS),
+            Column("chosen", r.allocations[r.chosen].tau / unit)]
 
 
 def errors_table(r: ToleranceResult) -> list[Column]:
@@ -289,7 +281,7 @@ class TolerancesRecord(AnalysisRecord):
                 title="Cost", columns=("method", "cost"), note="",
                 rows=tuple((m, a.cost) for m, a in r.allocations.items()))),
             pictures={"yield.png": "Share of machines below every accuracy"},
-            provenance=Provenance(**provenance))
+            provenance=provenance)
 
     def files(self, r: ToleranceResult) -> dict[str, str | bytes]:
         """Return file name -> content of everything that tolerances writes."""
