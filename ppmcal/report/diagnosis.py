@@ -10,31 +10,29 @@ from ppmcal.io.results.diagnosis import EFFECT_TABLE, DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect
 from ppmcal.io.results.diagnosis_wording import (
     actuators,
+    another_day,
     confounded,
     effect_name,
+    gap_closed,
     headline,
     lead,
     learned,
+    learned_gap,
     name_of,
     next_step,
     own_values,
+    predicted,
     probable,
     rivals,
     side,
     stages,
     together,
     tried_sets,
+    unconfirmed,
     unknown_causes,
     verdict,
 )
 from ppmcal.io.results.identification_tables import NEXT_TABLE, RESIDUAL_TABLE
-from ppmcal.io.results.left_out_wording import (
-    another_day,
-    gap_closed,
-    learned_gap,
-    predicted,
-    unconfirmed,
-)
 from ppmcal.io.results.validation import misled
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.report.diagnosis_figures import pictures

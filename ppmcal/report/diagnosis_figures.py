@@ -16,12 +16,12 @@ from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import (
     actuators,
     effect_name,
+    gap_closed,
     group_name,
-    learned_name,
+    left_out_poses,
     together,
 )
 from ppmcal.io.results.learned import LearnedEntry
-from ppmcal.io.results.left_out_wording import gap_closed, left_out_poses
 from ppmcal.linalg import Array
 from ppmcal.plotting.bars import Chart, Row, ratio_ticks
 from ppmcal.plotting.canvas import HEIGHT, Drawing
@@ -60,7 +60,7 @@ def _picture(record: DiagnosisRecord, entry: LearnedEntry) -> Drawing | None:
     at = "" if other is None else f" Two lines: {entry.by} = " + " and ".join(
         f"{sig(e, 4)} {entry.by_unit}" for e in entry.by_ends) + "; the band is the second one's."
     what = "joint" if entry.on else entry.acts
-    name = learned_name(record, entry)
+    name = entry.name(actuators(record))
     return Plot(
         span(curve[0], margin=0.02), up,
         (with_label(INPUTS.get(entry.input, entry.input), entry.input_unit),

@@ -166,7 +166,7 @@ def parameters(r: IdentificationRecord) -> Section | None:
     """Return the table of parameters; fixed ones follow in a table of their own."""
     if not r.parameters:
         return None
-    free = [p for p in r.parameters if p.status != "fixed"]
+    free = r.free
     fixed = [p for p in r.parameters if p.status == "fixed"]
     heads = ["parameter", "unit", "nominal", "value", "95 % interval", "error", "tolerance",
              "error against tolerance", "sigma by noise", "sigma, data only", "status"]
@@ -198,8 +198,7 @@ def _row(p: ParameterEstimate) -> list[Cell]:
             Cell(error_bar(p.error, p.tolerance, p.half),
                  number(p.tolerances)),
             number_cell(sigma, sig(sigma, 2)), number_cell(p.sigma_data, sig(p.sigma_data, 2)),
-            text_cell(p.status + ", sessions disagree" * bool(p.disagree),
-                      "warn" if p.status == "redundant" or p.disagree else "")]
+            text_cell(p.status_words, "warn" if p.status == "redundant" or p.disagree else "")]
 
 
 def redundant(r: IdentificationRecord) -> Section | None:

@@ -11,12 +11,16 @@ from typing import Any, Literal
 from ppmcal.calibration.fit import LARGER
 from ppmcal.calibration.knowledge import FAR, FAR_BECAUSE
 from ppmcal.io.results.diagnosis import DiagnosisRecord
-from ppmcal.io.results.diagnosis_wording import cause_probability, next_step
+from ppmcal.io.results.diagnosis_wording import (
+    cause_probability,
+    gap_closed,
+    left_out_error,
+    next_step,
+)
 from ppmcal.io.results.diagnosis_wording import headline as diagnosis_headline
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import Summaries
 from ppmcal.io.results.identification_wording import noise_verdict, noise_words
-from ppmcal.io.results.left_out_wording import gap_closed, left_out_error
 from ppmcal.io.results.parts import ErrorChange, ErrorSize
 from ppmcal.io.results.simulation import ComparedMachines
 from ppmcal.model.instruments import find_instrument
@@ -229,10 +233,9 @@ def _certainty(one: Identified, d: DiagnosisRecord | None) -> Line:
         parts.append("the errors are larger than the tolerances allow")
     if d is not None and d.effects:
         parts += filter(None, [cause_probability(d), gap_closed(d).rstrip(".")])
-    free = sum(p.status != "fixed" for p in r.parameters)
     if r.redundant:
         parts.append(f"{count(len(r.redundant), 'redundant combination')} of "
-                     f"{count(free, 'parameter')}; predictions are unaffected")
+                     f"{count(len(r.free), 'parameter')}; predictions are unaffected")
     weak = [p for p in r.parameters if p.disagree]
     if weak:
         parts.append(f"sessions disagree on {count(len(weak), 'parameter')}")

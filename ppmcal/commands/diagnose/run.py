@@ -31,6 +31,7 @@ from ppmcal.commands.identify.run import (
     PATTERN,
     TOLERATED,
     left_over,
+    said_beside,
     with_unit_findings,
 )
 from ppmcal.commands.inputs import data_files, prepared
@@ -48,13 +49,17 @@ from ppmcal.io.results.diagnosis import DiagnosisRecord, files
 from ppmcal.io.results.diagnosis_parts import EffectValue, HeldOutGap
 from ppmcal.io.results.diagnosis_wording import (
     actuators,
+    another_day,
     confounded,
+    gap_closed,
     headline,
     learned,
+    learned_gap,
     name_of,
     next_step,
     onset,
     own_values,
+    predicted,
     probable,
     rivals,
     side,
@@ -64,7 +69,7 @@ from ppmcal.io.results.diagnosis_wording import (
     unknown_causes,
     verdict,
 )
-from ppmcal.io.results.left_out_wording import another_day, gap_closed, learned_gap, predicted
+from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.parts import campaign_sentences, misreading_entries
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.effects import GEOMETRY, effect_kinds
@@ -215,11 +220,16 @@ class DiagnosisResult(Result):
         """The content of diagnosis.json, file units."""
         return DiagnosisRecord.of(self.diagnosis, self.provenance)
 
+    @cached_property
+    def fit_record(self) -> IdentificationRecord:
+        """The content of identification.json, of the fit with the effects, file units."""
+        return IdentificationRecord.of(self.identification, self.provenance, "prior")
+
     def files(self) -> Mapping[str, Content]:
         """Return model.yaml, effects.csv, residuals.csv, diagnosis.json, ... and pictures."""
         from ppmcal.report.figure_files import diagnosis_files
 
-        return {**files(self.diagnosis, self.provenance, self.record),
+        return {**files(self.diagnosis, self.record, self.fit_record),
                 **diagnosis_files(self.record, self.png)}
 
     def remarks(self) -> Sequence[str]:
@@ -240,7 +250,7 @@ class DiagnosisResult(Result):
 
     def quantities(self) -> Iterator[CampaignQuantity]:
         """Yield those of the fit, and of the effects."""
-        yield from fit_quantities(self.identification)
+        yield from fit_quantities(self.fit_record)
         yield from effect_quantities(self.record)
 
     def headline(self) -> str:
@@ -275,10 +285,10 @@ def run(asked: DiagnoseArguments) -> DiagnosisResult:
     fit = found.identification.fit
     filed = as_filed(fit.problem.datasets, datasets)
     campaign = secondary(MISSING, lambda: weak_campaign(fit, seed), None, extra)
-    beside = [*secondary(PATTERN, partial(left_over, found.before, seed), [], extra),
-              *secondary(TOLERATED, lambda: list(noise_beyond_tolerances(
-                  fit, [d.estimated for d in filed])), [], extra),
-              *secondary(APART, lambda: pulled_apart(fit, filed), [], extra)]
+    also = partial(said_beside, extra)
+    beside = [*also(PATTERN, lambda: left_over(found.before, seed)),
+              *also(TOLERATED, lambda: noise_beyond_tolerances(fit, [d.estimated for d in filed])),
+              *also(APART, lambda: pulled_apart(fit, filed))]
     found = replace(found, findings=(
         *unused_sentences(fit), *units, *beside, *found.findings, *extra),
                     identification=replace(found.identification, campaign=campaign))

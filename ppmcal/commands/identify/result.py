@@ -69,7 +69,7 @@ def _noise(n: Noise) -> Iterator[Told]:
 
 def _parameters(record: IdentificationRecord) -> Iterator[Told]:
     """Yield the parameters that moved farthest, in tolerances."""
-    free = [p for p in record.parameters if p.status != "fixed"]
+    free = record.free
     shown = sorted(free, key=lambda p: -abs(p.error or 0.0) / (p.tolerance or 1.0))[:SHOWN]
     if shown:
         wider = any(p.sigma_sessions is not None for p in shown)
@@ -78,7 +78,7 @@ def _parameters(record: IdentificationRecord) -> Iterator[Told]:
              "unit", "status"],
             [[p.name, *[number(p.nominal, 7)] * (not wider), number(p.error), number(p.half, 3),
               *[number(p.by_noise, 3)] * wider, p.unit,
-              p.status + ", sessions disagree" * bool(p.disagree)] for p in shown], (1, 2, 3))
+              p.status_words] for p in shown], (1, 2, 3))
         if wider:
             yield ("By noise: the 95 % interval of noise alone; +- 95 % also counts how far "
                    "sessions, or parts of one, differ.")
@@ -121,6 +121,7 @@ class IdentificationResult(Result):
 
     COMMAND: ClassVar[str] = "identify"
     TABLE: ClassVar[str] = "parameters.csv"
+    UNTOLD: ClassVar[tuple[str, ...]] = ("covariance", "known_rows")
 
     identification: Identification
     method: str
@@ -228,11 +229,7 @@ class IdentificationResult(Result):
         """Yield errors, noise and parameters."""
         from ppmcal.io.results.batch import fit_quantities
 
-        return fit_quantities(self.identification)
-
-    def summary(self) -> Mapping[str, Any]:
-        """Return what ``--json`` prints."""
-        return self.record.summary()
+        return fit_quantities(self.record)
 
     def headline(self) -> str:
         """Return parameters, rank and the error before and after."""

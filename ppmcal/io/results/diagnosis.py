@@ -189,7 +189,7 @@ def _confirmed(result: Diagnosis) -> bool | None:
 EFFECT_TABLE = WrittenTable("effects.csv", ("p_value", "survival", "probability").__contains__)
 
 
-def files(result: Diagnosis, provenance: Mapping[str, Any], record: DiagnosisRecord
+def files(result: Diagnosis, record: DiagnosisRecord, of_fit: IdentificationRecord
           ) -> dict[str, Content]:
     """Return file name -> text of everything that diagnose writes but pictures."""
     found, fit = result.identification, result.identification.fit
@@ -197,12 +197,12 @@ def files(result: Diagnosis, provenance: Mapping[str, Any], record: DiagnosisRec
     out: dict[str, Content] = {
         "model.yaml": write_mechanism(
             found.mechanism,
-            f"diagnosed by ppmcal {provenance.get('version', '')}: {result.verdict}; from "
+            f"diagnosed by ppmcal {record.provenance.version}: {result.verdict}; from "
             + ", ".join(d.name for d in fit.problem.datasets)),
         "effects.csv": effects_csv(result),
         "residuals.csv": residuals_csv(fit, found.before, found.after, alone),
         record.FILE: record.text(),
-        "identification.json": IdentificationRecord.of(found, provenance, "prior").text(),
+        of_fit.FILE: of_fit.text(),
     }
     for name, other in other_files(result):
         what = ("fitted by ppmcal without the effects of model.yaml" if other.bare else
