@@ -18,15 +18,7 @@ from ppmcal.io.results.certificate import (
     title,
 )
 from ppmcal.io.results.parts import ErrorSize
-from ppmcal.io.results.validation import (
-    PredictedError,
-    ValidatedDataset,
-    ValidationRecord,
-    basis,
-    misled,
-    model_sentence,
-    prediction,
-)
+from ppmcal.io.results.validation import PredictedError, ValidatedDataset, ValidationRecord
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import Layer, Marks, Points, Strokes
 from ppmcal.plotting.plot import Axis, row_y, rows_plot, span
@@ -53,15 +45,20 @@ def days(datasets: Sequence[ValidatedDataset]) -> str:
     """Return picture, table and words of every data set."""
     out = figures(drawings(datasets))
     for data in datasets:
-        out += paragraph(typeset(prediction(data)))
-        how = typeset(basis(data))
+        out += paragraph(typeset(data.prediction()))
+        how = typeset(data.basis())
         out += table(how, _heads(data), [_row(e) for e in data.errors]) if data.errors else ""
     return out
 
 
+def misled(datasets: Sequence[ValidatedDataset]) -> list[str]:
+    """Return what a person must look at."""
+    return [text for data in datasets for text in data.misled()]
+
+
 def lead(record: ValidationRecord) -> str:
     """Return what the page begins with."""
-    return typeset(" ".join(model_sentence(d) for d in record.datasets[:3]))
+    return typeset(" ".join(d.model_sentence() for d in record.datasets[:3]))
 
 
 def _heads(data: ValidatedDataset) -> list[str]:

@@ -202,12 +202,6 @@ def decided(rule: str, value: float, limit: float | None, expanded: float
     return PASS if value <= accepted else FAIL, accepted
 
 
-def of_repeats(sums: Sequence[tuple[float, int]]) -> tuple[float, float]:
-    """Return the pooled standard deviation of (sum of squares, degrees), and all degrees."""
-    degrees = sum(n for _, n in sums)
-    return (math.sqrt(sum(s for s, _ in sums) / degrees) if degrees else math.nan), float(degrees)
-
-
 SEEN = "needs measurements that no fit has seen"
 UNSEEN = ("the instrument shows one length, and no attained pose",
           "joint values alone tell no attained pose")
@@ -298,9 +292,9 @@ def _repeatability(evidence: Evidence) -> Contribution:
             if len(mine) > 1:
                 sums.append((float(np.sum((mine - mine.mean(axis=0)) ** 2)),
                              (len(mine) - 1) * mine.shape[1]))
-    scatter, degrees = of_repeats(sums)
-    if degrees:
-        return Contribution("repeatability", TYPE_A, NORMAL, scatter, degrees,
+    if degrees := sum(n for _, n in sums):
+        scatter = math.sqrt(sum(s for s, _ in sums) / degrees)
+        return Contribution("repeatability", TYPE_A, NORMAL, scatter, float(degrees),
                             note="repeats of one pose, pooled")
     noise = evidence.record.noise
     stated = np.concatenate([_stated(r) for r in evidence.rows])

@@ -40,6 +40,7 @@ from ppmcal.io import read_poses
 from ppmcal.io.campaign import read_datasets
 from ppmcal.io.poses import PoseTable
 from ppmcal.io.results.batch import CampaignQuantity
+from ppmcal.io.results.beside_model import of_other_values, read_other_models
 from ppmcal.io.results.commands import (
     RECORDED,
     CommandsRecord,
@@ -53,8 +54,6 @@ from ppmcal.io.results.commands import (
     with_digits,
 )
 from ppmcal.io.results.knowledge import KNOWLEDGE, knowledge_of, read_identification
-from ppmcal.io.results.other_models import read_other_models
-from ppmcal.io.results.own_calibration import of_other_values
 from ppmcal.io.results.record import Column
 from ppmcal.kinematics.needed_columns import ORDER
 from ppmcal.kinematics.tables import refuse_singular_home
@@ -112,7 +111,7 @@ class CompensationResult(Result):
         return CommandsRecord.of(self.mechanism, self.compensation, self._columns,
                                  self.provenance, self.frame,
                                  self.recorded[1] if self.recorded else None, self.base_axes,
-                                 findings=self.findings, notes=self.notes)
+                                 self.findings, self.notes)
 
     @cached_property
     def _columns(self) -> list[Column]:

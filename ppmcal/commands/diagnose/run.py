@@ -44,31 +44,10 @@ from ppmcal.diagnosis.next_experiment import with_poses
 from ppmcal.diagnosis.own_noise import diagnose_with_own_noise
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.errors import BadInput, PpmcalError, refuse_unknown
+from ppmcal.io.results import diagnosis_wording as wording
 from ppmcal.io.results.batch import CampaignQuantity, effect_quantities, fit_quantities
 from ppmcal.io.results.diagnosis import DiagnosisRecord, files
 from ppmcal.io.results.diagnosis_parts import EffectValue, HeldOutGap
-from ppmcal.io.results.diagnosis_wording import (
-    actuators,
-    another_day,
-    confounded,
-    gap_closed,
-    headline,
-    learned,
-    learned_gap,
-    name_of,
-    next_step,
-    onset,
-    own_values,
-    predicted,
-    probable,
-    rivals,
-    side,
-    stages,
-    together,
-    tried_sets,
-    unknown_causes,
-    verdict,
-)
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.parts import campaign_sentences, misreading_entries
 from ppmcal.model.dataset import Dataset
@@ -86,17 +65,18 @@ from ppmcal.wording.told import Told
 
 def told(result: Diagnosis, record: DiagnosisRecord) -> Iterator[str]:
     """Yield what a person wants to know."""
-    yield f"{record.name}: {verdict(record)}"
+    yield f"{record.name}: {wording.verdict(record)}"
     yield "Disagreement with geometry alone: " + _where(result)
-    yield stages(record)
-    yield from (*effects(record), *another_day(record), *_suspected(result), *_left(result))
+    yield wording.stages(record)
+    yield from (*effects(record), *wording.another_day(record), *_suspected(result), *_left(result))
     yield from filter(None, (
-        unknown_causes(record), tried_sets(record), gap_closed(record) if record.effects else "",
-        predicted(record), confounded(record), *learned(record), learned_gap(record)))
+        wording.unknown_causes(record), wording.tried_sets(record),
+        wording.gap_closed(record) if record.effects else "", wording.predicted(record),
+        wording.confounded(record), *wording.learned(record), wording.learned_gap(record)))
     if record.not_testable:
         yield "Not testable: " + "; ".join(_lacking(record.not_testable)) + "."
     yield from campaign_sentences(record.campaign)
-    yield f"Next: {next_step(record)}"
+    yield f"Next: {wording.next_step(record)}"
 
 
 def _lacking(untestable: Sequence[Untestable]) -> list[str]:
@@ -128,35 +108,31 @@ def _where(result: Diagnosis) -> str:
 def effects(record: DiagnosisRecord) -> list[str]:
     """Return the named effects with their sizes, and what they cannot be told from."""
     out = []
-    for group in together(record):
+    for group in wording.together(record):
         on = list(dict.fromkeys(a for e in group for a in e.on))
-        heads = ["" if list(e.on) == on else f"{actuator_list(e.on, actuators(record))} "
+        heads = ["" if list(e.on) == on else f"{actuator_list(e.on, wording.actuators(record))} "
                  for e in group]
-        chances = [probable(e.probability) for e in group]
+        chances = [wording.probable(e.probability) for e in group]
         alone = [f" ({p})" if len(set(chances)) > 1 else "" for p in chances]
-        sizes = own_values(record, group) or "; ".join(
-            f"{head}{_event(onset(e))}{_values(e.parameters)}{p}"
-            for head, e, p in zip(heads, group, alone, strict=True))
-        out.append(f"{name_of(record, group[0].called, on)}: {sizes}"
+        sizes = wording.own_values(group) or "; ".join(
+            f"{head}{when}{': ' * bool(when)}{_values(e.parameters)}{p}"
+            for head, e, p in zip(heads, group, alone, strict=True) for when in [wording.onset(e)])
+        out.append(f"{wording.name_of(record, group[0].called, on)}: {sizes}"
                    + ("." if alone[0] else f"; {chances[0]}."))
         out += [f"  {head}{_values(e.derived)}"
                 + (f" at mid-stroke ({number(at.value)} {at.unit})." if at else ".")
                 for head, e in zip(heads, group, strict=True) if e.derived
                 for at in [e.mid_stroke]]
         out += [f"  {line[0].upper() if line.startswith('the ') else line[0]}{line[1:]}"
-                for line in side(group)]
-        if others := rivals(record, group[0]):
+                for line in wording.side(group)]
+        if others := wording.rivals(record, group[0]):
             out.append(
                 f"  Cannot be told from: {abbreviate_list(others, 'effects.csv', joint='; ')}.")
     return out
 
 
-def _event(when: str) -> str:
-    return f"{when}: " if when else ""
-
-
 def _suspected(result: Diagnosis) -> list[str]:
-    names = [f"{c.hypothesis.label} ({probable(c.probability)})"
+    names = [f"{c.hypothesis.label} ({wording.probable(c.probability)})"
              for c in sorted(result.suspected, key=lambda c: -c.probability)]
     return [f"Suspected: {abbreviate_list(names, 'effects.csv')}."] if names else []
 
@@ -255,7 +231,7 @@ class DiagnosisResult(Result):
 
     def headline(self) -> str:
         """Return the verdict with the effects that are named."""
-        return headline(self.record)
+        return wording.headline(self.record)
 
 
 def run(asked: DiagnoseArguments) -> DiagnosisResult:

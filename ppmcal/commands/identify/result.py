@@ -14,17 +14,9 @@ from ppmcal.calibration.validation import UNUSED, Identification, Residuals
 from ppmcal.commands.inputs import imports_behind
 from ppmcal.commands.result import Result
 from ppmcal.controllers import own_words
+from ppmcal.io.results import identification_wording as wording
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import before_words
-from ppmcal.io.results.identification_wording import (
-    flat_sentences,
-    noise_verdict,
-    open_sentences,
-    row_sentences,
-    short_intervals,
-    unchecked_sentences,
-    unidentifiable_words,
-)
 from ppmcal.io.results.parts import campaign_sentences
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
@@ -61,7 +53,7 @@ def _errors(record: IdentificationRecord) -> Iterator[Told]:
 def _noise(n: Noise) -> Iterator[Told]:
     repeats = (f" Repeats scatter {n.repeat_ratio:.3g} times the {n.source} noise."
                if n.repeat_ratio else "")
-    yield f"Noise: {noise_verdict(n)[0]}.{repeats}"
+    yield f"Noise: {wording.noise_verdict(n)[0]}.{repeats}"
     if len(n.by_dataset) > 1:
         ratios = ", ".join(f"{name} {number(r, 3)}" for name, r in n.by_dataset.items())
         yield f"By file: {ratios}."
@@ -82,7 +74,7 @@ def _parameters(record: IdentificationRecord) -> Iterator[Told]:
         if wider:
             yield ("By noise: the 95 % interval of noise alone; +- 95 % also counts how far "
                    "sessions, or parts of one, differ.")
-    for sentence in short_intervals(record.method):
+    for sentence in wording.short_intervals(record.method):
         yield f"{sentence}."
     if len(free) > len(shown):
         yield (f"The {len(shown)} largest errors against tolerance; all {len(free)} in "
@@ -105,7 +97,7 @@ def _redundant(record: IdentificationRecord, prior: bool) -> Iterator[Told]:
         count = sum(s.combinations for s in record.unidentifiable)
         how = "held by the prior" if prior else "left at nominal"
         yield (f"{count} redundant: combinations of parameters that these data cannot identify "
-               f"({how}): {unidentifiable_words(record.unidentifiable)}.")
+               f"({how}): {wording.unidentifiable_words(record.unidentifiable)}.")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -208,13 +200,13 @@ class IdentificationResult(Result):
         yield from _redundant(record, fit.by_tolerances)
         if fit.by_tolerances:
             yield from _prior_dominated(record)
-        yield from open_sentences(record.collinear, record.scale)
-        yield from flat_sentences(record.flats)
+        yield from wording.open_sentences(record.collinear, record.scale)
+        yield from wording.flat_sentences(record.flats)
         yield from campaign_sentences(record.campaign)
         # above the rows left out
         yield Findings([f for f in record.all_findings() if f not in unused])
-        yield from row_sentences(record.gross_errors, record.would_be, found.mechanism)
-        yield from unchecked_sentences(record.unchecked)
+        yield from wording.row_sentences(record.gross_errors, record.would_be, found.mechanism)
+        yield from wording.unchecked_sentences(record.unchecked)
 
     def _controller(self) -> str:
         """Return what the controller that the machine was imported from calls its parameters."""

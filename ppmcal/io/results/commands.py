@@ -74,18 +74,16 @@ class CommandsRecord(Record):
     @classmethod
     def of(cls, mechanism: Mechanism, result: Compensation, columns: Sequence[Column],
            provenance: Mapping[str, Any], frame: str, recorded: RecordedForm | None,
-           base_axes: str, **said: Sequence[str]) -> CommandsRecord:
-        """Return the record of commands with the columns of their table.
-
-        ``said``: ``findings`` and ``notes``.
-        """
+           base_axes: str, findings: Sequence[str], notes: Sequence[str]) -> CommandsRecord:
+        """Return the record of commands with the columns of their table."""
         own = {c.name: mechanism.units.name(c.quantity) for c in columns if c.quantity}
         more: dict[str, Any] = {} if recorded is None else {"recorded": recorded}
         more |= {"base_axes": base_axes} if base_axes else {}
         return cls(format=cls.FORMAT, rows=len(result.status), frame=frame or "base",
                    targets=target_sentence(mechanism, frame),
                    predicted=_predicted(mechanism, result),
-                   refused=sum(s != "ok" for s in result.status), **said,
+                   refused=sum(s != "ok" for s in result.status), findings=tuple(findings),
+                   notes=tuple(notes),
                    units=column_units(mechanism, [c.name for c in columns]) | own,
                    provenance=Provenance(**provenance),
                    **more)

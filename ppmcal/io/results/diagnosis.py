@@ -18,12 +18,12 @@ from ppmcal.diagnosis.localization import Place
 from ppmcal.diagnosis.plot_data import PlotData, SelectionStep, plot_data
 from ppmcal.diagnosis.result import Candidate, Diagnosis, LeftOutBlocks, Swallowed, UnknownFound
 from ppmcal.io import csv_text, write_mechanism
+from ppmcal.io.results.beside_model import OtherModel, OtherModels, TriedSet, other_files
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, HeldOutGap, SuspectedEffect
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import ErrorStages, excluded_rows, summaries
 from ppmcal.io.results.identification_tables import residuals_csv
 from ppmcal.io.results.learned import LearnedEntry
-from ppmcal.io.results.other_models import OtherModel, OtherModels, TriedSet, other_files
 from ppmcal.io.results.parts import CampaignSummary, LeftOutRow, MisreadingEntry, misreading_entries
 from ppmcal.io.results.record import Column, Flag, Record, Shown, Text, Whole, table_text
 from ppmcal.io.results.tables import WrittenTable, finite_number, joint_columns, pose_columns

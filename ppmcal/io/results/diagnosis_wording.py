@@ -11,7 +11,6 @@ from ppmcal.diagnosis.left_out_schemes import SESSION
 from ppmcal.diagnosis.result import LeftOutBlocks
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, HeldOutGap
-from ppmcal.io.results.validation import prediction
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.wording import (
     actuator_list,
@@ -113,7 +112,7 @@ FEW = 2
 """So many values of one effect are given one by one."""
 
 
-def own_values(record: DiagnosisRecord, group: Group) -> str:
+def own_values(group: Group) -> str:
     """Return in one line the values of one effect on more than a few actuators, each its own.
 
     ``expansion 1.1e-06 to 2.3e-05 1/K (leg1 1.1e-06, leg2 ...; +- 4e-07 at most)``; empty where
@@ -333,8 +332,7 @@ def another_day(record: DiagnosisRecord) -> list[str]:
     if record.effects and not record.validation:
         return ["No second session here shows whether this holds on another day: measure one "
                 "(ppmcal validate)."]
-    return [f"From the other sessions, {prediction(day)}"
-            for day in record.validation]
+    return [f"From the other sessions, {day.prediction()}" for day in record.validation]
 
 
 def _portion(by: str) -> str:

@@ -67,7 +67,7 @@ APPROACH = "approach"
 
 
 def _factor(found: Equation, factor: InputForm, units: Units) -> EquationFactor:
-    """Return a factor whose scale is the power of ten below its input's reach."""
+    """Return a factor whose scale is the largest power of ten within its input's reach."""
     quantity, zero = found.quantity_of(factor.input), INPUTS[factor.input].zero
     per = si_factor(units, quantity)
     nodes = found.nodes if factor.input == found.input else found.by_nodes
@@ -75,13 +75,9 @@ def _factor(found: Equation, factor: InputForm, units: Units) -> EquationFactor:
     return EquationFactor(
         variable=INPUTS[factor.input].variable, form=factor.form, degree=factor.degree,
         origin=factor.origin / per + zero,
-        scale=1.0 if factor.form == "sign" else _round(reach),
+        scale=1.0 if factor.form == "sign" else float(
+            10.0 ** math.floor(math.log10(reach) + 1e-9)),
         unit="degC" if quantity == "deg C" else units.name(quantity))
-
-
-def _round(reach: float) -> float:
-    """Return the largest power of ten that is at most ``reach``."""
-    return float(10.0 ** math.floor(math.log10(reach) + 1e-9))
 
 
 def _si_scale(found: Equation, product: Product, factors: list[EquationFactor], units: Units
