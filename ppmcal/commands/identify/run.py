@@ -173,8 +173,9 @@ def scale_sentences(found: Identification) -> Iterator[Note]:
     fit, names, none = found.fit, list(found.columns), unused(found.fit)
     for i, (data, registration) in enumerate(zip(fit.problem.datasets, fit.state.registrations,
                                                  strict=True)):
-        if data.scale.fitted and i not in none:
-            place = names.index(f"scale of {data.name}")
+        column = f"scale of {data.name}"    # targets of one file share that of the first
+        if data.scale.fitted and column in names and i not in none:
+            place = names.index(column)
             sigma = float(np.sqrt(found.covariance[place, place]))
             half = coverage(fit) * sigma
             stated = "" if data.scale.sigma is None else (
