@@ -13,13 +13,13 @@ from ppmcal.calibration.compensation import ParameterCovariance, model_sigma
 from ppmcal.controllers.pose_errors import ErrorSummary, rms, rotation_rms
 from ppmcal.controllers.pose_grid import rest_columns
 from ppmcal.errors import BadInput, NoResult
+from ppmcal.io.results.beside_model import of_other_values
 from ppmcal.io.results.export import (
     CommandErrors,
     ExportRecord,
     NotExpressedEntry,
 )
 from ppmcal.io.results.knowledge import KNOWLEDGE, knowledge_of, read_identification
-from ppmcal.io.results.own_calibration import of_other_values
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Effect, Mechanism
 from ppmcal.model.registration import Registration

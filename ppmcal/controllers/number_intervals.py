@@ -23,9 +23,9 @@ from scipy.optimize import least_squares
 
 from ppmcal.calibration.fit import Z95
 from ppmcal.controllers.export import Again, Exported, Number
+from ppmcal.io.results.beside_model import of_other_values
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.knowledge import KNOWLEDGE, knowledge_of, read_identification
-from ppmcal.io.results.own_calibration import of_other_values
 from ppmcal.io.results.units import column_factor
 from ppmcal.linalg import Array, guarded, pinv
 from ppmcal.model.mechanism import Mechanism

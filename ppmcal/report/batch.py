@@ -12,9 +12,10 @@ import numpy as np
 from ppmcal.calibration.fit import half_or, secondary
 from ppmcal.calibration.sessions import CERTAIN, CommonError
 from ppmcal.calibration.validation import definition
-from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord, with_findings
-from ppmcal.io.results.batch_common import (
-    MOST,
+from ppmcal.io.results.batch import (
+    USUAL,
+    CampaignQuantity,
+    CampaignRecord,
     EffectChange,
     EffectSizes,
     effect_changes,
@@ -26,6 +27,7 @@ from ppmcal.io.results.batch_common import (
     ranking,
     shared_effects,
     shared_parameters,
+    with_findings,
 )
 from ppmcal.notes import Note
 from ppmcal.plotting.canvas import Drawing
@@ -117,7 +119,7 @@ def common_effects(records: Sequence[CampaignRecord]) -> Section | None:
         share = f"{100.0 * e.low:.0f} to {100.0 * e.high:.0f} %"
         rows.append([text_cell(e.kind),
                      number_cell(len(e.machines), f"{len(e.machines)} of {e.of}"),
-                     number_cell(e.low, share), text_cell(e.whose, "warn" if e.low > MOST else ""),
+                     number_cell(e.low, share), text_cell(e.whose, "warn" if e.low > USUAL else ""),
                      text_cell("; ".join(map(_size, e.sizes)), "wrap"),
                      text_cell(abbreviate_list(e.machines, most=6), "wrap")])
     note = ("An effect that most machines have is the design's, not the unit's: certain where the "

@@ -6,36 +6,10 @@ from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
+from ppmcal.io.results import diagnosis_wording as wording
 from ppmcal.io.results.diagnosis import EFFECT_TABLE, DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect
-from ppmcal.io.results.diagnosis_wording import (
-    actuators,
-    confounded,
-    effect_name,
-    headline,
-    lead,
-    learned,
-    name_of,
-    next_step,
-    own_values,
-    probable,
-    rivals,
-    side,
-    stages,
-    together,
-    tried_sets,
-    unknown_causes,
-    verdict,
-)
 from ppmcal.io.results.identification_tables import NEXT_TABLE, RESIDUAL_TABLE
-from ppmcal.io.results.left_out_wording import (
-    another_day,
-    gap_closed,
-    learned_gap,
-    predicted,
-    unconfirmed,
-)
-from ppmcal.io.results.validation import misled
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.report.diagnosis_figures import pictures
 from ppmcal.report.diagnosis_tables import amounts, in_unit, ladder, next_poses, odds_to, tried
@@ -58,7 +32,7 @@ from ppmcal.report.records import Diagnosed, ReportData
 from ppmcal.report.residual_figures import coordinate_figures, residual_figures
 from ppmcal.report.rows import DataRows
 from ppmcal.report.section import Chapter, Folder, Kind, Section, filled
-from ppmcal.report.validation import days
+from ppmcal.report.validation import days, misled
 from ppmcal.report.validation import drawings as of_days
 from ppmcal.wording import actuator_list
 
@@ -75,31 +49,32 @@ def diagnosis_section(d: Diagnosed) -> Section:
     """Return the chapter about one diagnosis: the gap, what closes it, and what was refused."""
     r, drawn = d.record, drawings(d)
     shown = [p for name in ("inputs", "actuators", "terms") for p in drawn.get(name, ())]
+    told = bullets([*wording.learned(r), wording.learned_gap(r)]) if r.learned else ""
     body = (_lead(r) + '<div class="story">' + figures(drawn.get("gap", []))
-            + f"<div>{ladder(r)}{_remainder(r)}{_learned(r)}</div></div>{_effects(r)}")
+            + f"<div>{ladder(r)}{_remainder(r)}{told}</div></div>{_effects(r)}")
     return Section("The missing effect", body, d.folder, parts=filled([
         Section("What the residuals follow, before and after", figures(shown)),
         Section("What these data cannot tell apart", figures(drawn.get("alternatives", []))),
         Section("Each session, predicted by a fit of the others", days(r.validation) or "".join(
-            paragraph(t) for t in another_day(r))),
+            paragraph(t) for t in wording.another_day(r))),
         _next(d), _refused(d), _absorbed(r), _places(r),
         Section("Residuals", figures([*drawn["residuals"], *drawn["coordinates"]]), folded=True),
         Section("Findings", bullets(r.findings) if r.findings else "")]))
 
 
 def _lead(r: DiagnosisRecord) -> str:
-    text = paragraph(headline(r), "big")
-    facts = [stages(r), gap_closed(r), predicted(r)]
+    text = paragraph(wording.headline(r), "big")
+    facts = [wording.stages(r), wording.gap_closed(r), wording.predicted(r)]
     if r.confirmed is False and r.effects:
-        facts.append(unconfirmed(r))
+        facts.append(wording.unconfirmed(r))
     return text + paragraph(" ".join(f for f in facts if f))
 
 
 def _effects(r: DiagnosisRecord) -> str:
     """Return the effects that the diagnosis names, one row for each of their parameters."""
     rows: list[list[Cell]] = []
-    for group in together(r):
-        one = own_values(r, group).replace("+-", "±")
+    for group in wording.together(r):
+        one = wording.own_values(group).replace("+-", "±")
         # values of one hypothesis are one line
         for some in [group] if one else [[e] for e in group]:
             e, on = some[0], [a for e in some for a in e.on]
@@ -107,16 +82,17 @@ def _effects(r: DiagnosisRecord) -> str:
             own = one or "; ".join(f"{name} {text}".strip()
                                    for name, text in amounts(e) or [("", "–")])
             rows.append([
-                text_cell(e.called), text_cell(actuator_list(on, actuators(r)) or "machine"),
+                text_cell(e.called),
+                text_cell(actuator_list(on, wording.actuators(r)) or "machine"),
                 text_cell(own, "wrap"),
                 number_cell(e.p_value if e.probability is None else e.probability,
-                            probable(e.probability) or probability(e.p_value) or "–"),
+                            wording.probable(e.probability) or probability(e.p_value) or "–"),
                 number_cell(visibility,
                             "–" if visibility is None else f"{visibility:.0%}".replace("%", " %")),
                 text_cell(_rivals(r, e), "wrap")])
-    sides = [f"{effect_name(r, g[0]) if len(g) == 1 else g[0].called}: {text}"
-             for g in together(r) for text in side(g)]
-    told = bullets(sides) + paragraph(unknown_causes(r)) + paragraph(tried_sets(r))
+    sides = [f"{wording.effect_name(r, g[0]) if len(g) == 1 else g[0].called}: {text}"
+             for g in wording.together(r) for text in wording.side(g)]
+    told = bullets(sides) + paragraph(wording.unknown_causes(r)) + paragraph(wording.tried_sets(r))
     if not rows:
         return told
     return table("What is missing in the model, with 95 % intervals; visible: the part that "
@@ -126,7 +102,7 @@ def _effects(r: DiagnosisRecord) -> str:
 
 
 def _rivals(r: DiagnosisRecord, e: DiagnosedEffect) -> str:
-    names = rivals(r, e)
+    names = wording.rivals(r, e)
     odds = [number(o) for o in e.odds]
     odds += [None] * (len(names) - len(odds))
     return "; ".join(n if o is None else f"{n} (odds {odds_to(o)} to 1 against it)"
@@ -148,8 +124,8 @@ def _suspects(r: DiagnosisRecord) -> str:
     """Return what may be there but cannot be named."""
     lines = []
     for e in r.suspected:
-        p = probable(e.probability)
-        lines.append(f"{name_of(r, e.called, e.on)}: suspected, too weak to be named"
+        p = wording.probable(e.probability)
+        lines.append(f"{wording.name_of(r, e.called, e.on)}: suspected, too weak to be named"
                      + (f" ({p})." if p else "."))
     return bullets(lines)
 
@@ -169,11 +145,6 @@ def _remainder(r: DiagnosisRecord) -> str:
     return paragraph(text)
 
 
-def _learned(r: DiagnosisRecord) -> str:
-    """Return the shapes that were learned from what is left."""
-    return bullets([*learned(r), learned_gap(r)]) if r.learned else ""
-
-
 def _absorbed(r: DiagnosisRecord) -> Section | None:
     """Return the parameters that had moved to imitate an effect."""
     rows = [[name_cell(s.name), *(number_cell(v, in_unit(v, s.unit))
@@ -183,7 +154,7 @@ def _absorbed(r: DiagnosisRecord) -> Section | None:
         return None
     return Section(
         "Geometry that had imitated the effect",
-        paragraph(f"{confounded(r)} Their errors from nominal:", "note")
+        paragraph(f"{wording.confounded(r)} Their errors from nominal:", "note")
         + table("", ["parameter", "error without effects", "error with effects", "tolerance"],
                 rows, sort=True), count(len(rows), "parameter"), folded=True)
 
@@ -204,7 +175,7 @@ def _places(r: DiagnosisRecord) -> Section | None:
 
 def _next(d: Diagnosed) -> Section | None:
     """Return what to measure next, and the poses for it."""
-    text = next_step(d.record)
+    text = wording.next_step(d.record)
     if not text:
         return None
     return Section("Measure next", paragraph(text[:1].upper() + text[1:]) + next_poses(d.next))
@@ -229,9 +200,9 @@ def _findings(d: Diagnosed, _: ReportData) -> list[tuple[str, str]]:
     r = d.record
     out = list(r.findings)
     if r.verdict not in ("", "none", "named"):
-        out.append(f"Diagnosis: {verdict(r)}")
+        out.append(f"Diagnosis: {wording.verdict(r)}")
     if r.confirmed is False and r.effects and not out:
-        out.append(unconfirmed(r))
+        out.append(wording.unconfirmed(r))
     return [(d.folder, text) for text in (*out, *misled(r.validation))]
 
 
@@ -243,4 +214,4 @@ def _shown(d: Diagnosed, _: ReportData) -> dict[str, Any]:
 DIAGNOSE: Kind[Diagnosed] = Kind(
     "diagnosed", "diagnoses", "diagnosis", 30, ("diagnosis.json", "effects.csv"), _read, _chapters,
     _shown, lambda d: [("diagnose", d.record)], _findings,
-    lambda d, _: drawings(d), lambda d, _: [lead(d.record)])
+    lambda d, _: drawings(d), lambda d, _: [wording.lead(d.record)])

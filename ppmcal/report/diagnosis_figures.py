@@ -12,16 +12,9 @@ import numpy as np
 
 from ppmcal.calibration.fit import Z95, pictures_beside
 from ppmcal.diagnosis.residual_series import Series
+from ppmcal.io.results import diagnosis_wording as wording
 from ppmcal.io.results.diagnosis import DiagnosisRecord
-from ppmcal.io.results.diagnosis_wording import (
-    actuators,
-    effect_name,
-    group_name,
-    learned_name,
-    together,
-)
 from ppmcal.io.results.learned import LearnedEntry
-from ppmcal.io.results.left_out_wording import gap_closed, left_out_poses
 from ppmcal.linalg import Array
 from ppmcal.plotting.bars import Chart, Row, ratio_ticks
 from ppmcal.plotting.canvas import HEIGHT, Drawing
@@ -60,7 +53,7 @@ def _picture(record: DiagnosisRecord, entry: LearnedEntry) -> Drawing | None:
     at = "" if other is None else f" Two lines: {entry.by} = " + " and ".join(
         f"{sig(e, 4)} {entry.by_unit}" for e in entry.by_ends) + "; the band is the second one's."
     what = "joint" if entry.on else entry.acts
-    name = learned_name(record, entry)
+    name = entry.name(wording.actuators(record))
     return Plot(
         span(curve[0], margin=0.02), up,
         (with_label(INPUTS.get(entry.input, entry.input), entry.input_unit),
@@ -103,7 +96,7 @@ def _panel(record: DiagnosisRecord, series: Series) -> Drawing | None:
     factor, unit = finer(series.unit, float(np.nanmax(np.abs(ends))))
     table *= factor
     per, x_unit = finer(series.input_unit, _largest(series, x))
-    what = _what(series, actuators(record))
+    what = _what(series, wording.actuators(record))
     classes = series.names if len(series.names) == size else ()
     x_name = INPUTS.get(series.input, series.input or "input")
     x_name = with_label(f"{x_name} {series.which}".strip(), x_unit)
@@ -155,7 +148,7 @@ def _title(record: DiagnosisRecord, series: Series, what: str) -> str:
     n = series.effect
     if n is not None and 0 <= n < len(record.effects):
         place = f" ({what})" if series.coordinate else ""
-        return effect_name(record, record.effects[n]) + place
+        return wording.effect_name(record, record.effects[n]) + place
     name = INPUTS.get(series.input, series.input).partition(" (")[0]
     against = " ".join(w for w in (what, "against", name, series.which) if w)
     return f"What is left: {against}" if series.role == "left" and record.effects else against
@@ -189,7 +182,7 @@ def gap(record: DiagnosisRecord) -> Drawing | None:
                      "after" if n > 0 and step.what == "effect" else "before")
             for n, (step, value) in enumerate(steps)]
     if None not in ends:
-        rows.append(Row(f"Check on {left_out_poses(held)}", strong=True))
+        rows.append(Row(f"Check on {wording.left_out_poses(held)}", strong=True))
         rows.append(_gap_row("geometry alone", ends[0] or 0.0, "before"))
         if record.effects:
             rows.append(_gap_row("geometry and what is named", ends[1] or 0.0, "after"))
@@ -199,7 +192,7 @@ def gap(record: DiagnosisRecord) -> Drawing | None:
         "Upper bars: the rows that effects were searched in; each bar adds one thing to the "
         "model. The upright line is the noise alone: where nothing is missing, bars end there.",
         "; ".join(f"{step_name(record, s)}: {sig(v)} times the noise" for s, v in steps) + ".",
-        gap_closed(record))
+        wording.gap_closed(record))
 
 
 def _gap_row(label: str, value: float, kind: str) -> Row:
@@ -245,15 +238,15 @@ def by_actuator(record: DiagnosisRecord) -> Drawing | None:
 def confusion(record: DiagnosisRecord) -> Drawing | None:
     """Return for each named effect what could take its place, and how likely that is."""
     groups = []
-    for group in together(record):
+    for group in wording.together(record):
         names = group[0].alternatives_on or group[0].alternatives
         odds = [number(o) for o in group[0].odds]
         pairs = [(n, o) for n, o in zip(names, odds, strict=False) if o is not None]
         if pairs:
-            groups.append((group_name(record, group), sorted(pairs, key=lambda p: p[1])))
+            groups.append((wording.group_name(record, group), sorted(pairs, key=lambda p: p[1])))
     if not groups:
         return None
-    total, rows = actuators(record), []
+    total, rows = wording.actuators(record), []
     for name, pairs in groups:
         rows.append(Row(name, strong=True))
         rows += [Row("or " + shorten_label(other, total), ((value, "alternative"),),

@@ -88,7 +88,7 @@ def amounts(effect: DiagnosedEffect) -> list[tuple[str, str]]:
         factor, unit = rate(v.unit, value)
         value, half = value * factor, None if half is None else half * factor
         text = sig(value, 4) if half is None or half <= 0.0 else _interval(value, half)
-        out.append((name, f"{text} {_plain_unit(unit)}".rstrip()))
+        out.append((name, f"{text} {_NAMES.get(unit, unit) or '(no unit)'}"))
     return out
 
 
@@ -105,10 +105,6 @@ def _interval(value: float, half: float) -> str:
         ten = 10.0 ** (math.floor(math.log10(half)) - 1)
         value, half = round(value / ten) * ten, round(half / ten) * ten
     return f"{to_sigma(value, half)} ± {sig(half, 2)}"
-
-
-def _plain_unit(unit: str) -> str:
-    return _NAMES.get(unit, unit) if unit else "(no unit)"
 
 
 def in_unit(value: float | None, unit: str) -> str:

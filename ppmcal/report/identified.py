@@ -10,6 +10,7 @@ from typing import Any
 
 from ppmcal.calibration.fit import Noise
 from ppmcal.calibration.knowledge import FAR
+from ppmcal.io.results import identification_wording as wording
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import ParameterEstimate, before_words
 from ppmcal.io.results.identification_tables import (
@@ -19,16 +20,6 @@ from ppmcal.io.results.identification_tables import (
     quantity_of,
     used,
     white,
-)
-from ppmcal.io.results.identification_wording import (
-    combination,
-    flat_sentences,
-    noise_verdict,
-    open_sentences,
-    scale_sentence,
-    short_intervals,
-    unchecked_sentences,
-    unidentifiable_words,
 )
 from ppmcal.io.results.parts import ErrorSize, campaign_sentences
 from ppmcal.plotting.canvas import Drawing
@@ -66,8 +57,9 @@ from ppmcal.wording import MOST, abbreviate_list
 
 def identifiability_section(record: IdentificationRecord) -> Section | None:
     """Return what these data cannot identify."""
-    lines = [*open_sentences(record.collinear, record.scale), *flat_sentences(record.flats),
-             *unchecked_sentences(record.unchecked), *campaign_sentences(record.campaign)]
+    lines = [*wording.open_sentences(record.collinear, record.scale),
+             *wording.flat_sentences(record.flats),
+             *wording.unchecked_sentences(record.unchecked), *campaign_sentences(record.campaign)]
     return Section("Identifiability", bullets([typeset(t) for t in lines])) if lines else None
 
 
@@ -166,13 +158,13 @@ def parameters(r: IdentificationRecord) -> Section | None:
     """Return the table of parameters; fixed ones follow in a table of their own."""
     if not r.parameters:
         return None
-    free = [p for p in r.parameters if p.status != "fixed"]
+    free = r.free
     fixed = [p for p in r.parameters if p.status == "fixed"]
     heads = ["parameter", "unit", "nominal", "value", "95 % interval", "error", "tolerance",
              "error against tolerance", "sigma by noise", "sigma, data only", "status"]
     note = ("Bars: error in tolerances, shaded: one to each side, ends: three; "
             "line: 95 % interval; red tip: beyond the end.")
-    note = " ".join([note, *(f"{t}." for t in short_intervals(r.method))])
+    note = " ".join([note, *(f"{t}." for t in wording.short_intervals(r.method))])
     out = paragraph(note, "note") + table("", heads, [_row(p) for p in free], sort=True)
     if fixed:
         rows = [[name_cell(p.name), number_cell(p.value, exact(p.value)), text_cell(p.unit)]
@@ -198,13 +190,12 @@ def _row(p: ParameterEstimate) -> list[Cell]:
             Cell(error_bar(p.error, p.tolerance, p.half),
                  number(p.tolerances)),
             number_cell(sigma, sig(sigma, 2)), number_cell(p.sigma_data, sig(p.sigma_data, 2)),
-            text_cell(p.status + ", sessions disagree" * bool(p.disagree),
-                      "warn" if p.status == "redundant" or p.disagree else "")]
+            text_cell(p.status_words, "warn" if p.status == "redundant" or p.disagree else "")]
 
 
 def redundant(r: IdentificationRecord) -> Section | None:
     """Return the redundant combinations, one line for each quantity."""
-    rows = [[name_cell(c.name or "?"), text_cell(typeset(combination(c)), "wrap")]
+    rows = [[name_cell(c.name or "?"), text_cell(typeset(wording.combination(c)), "wrap")]
             for c in r.redundant]
     if not rows:
         return None
@@ -217,7 +208,7 @@ def redundant(r: IdentificationRecord) -> Section | None:
     if r.unidentifiable:
         total = sum(s.combinations for s in r.unidentifiable)
         said = paragraph(f"{total} redundant: combinations that these data cannot identify: "
-                         f"{unidentifiable_words(r.unidentifiable)}.")
+                         f"{wording.unidentifiable_words(r.unidentifiable)}.")
     return Section("Redundant combinations", said
                    + table("", ["one unit of", "acts like"], rows) + paragraph(note, "note"),
                    count(len(rows), "combination"), folded=True)
@@ -322,9 +313,9 @@ def place(one: Identified, data: ReportData) -> str:
 
 def _findings(one: Identified, data: ReportData) -> list[tuple[str, str]]:
     record = one.record
-    out = [*record.all_findings(), *unchecked_sentences(record.unchecked),
+    out = [*record.all_findings(), *wording.unchecked_sentences(record.unchecked),
            *campaign_sentences(record.campaign)]
-    if record.scale is not None and (told := scale_sentence(record.scale)):
+    if record.scale is not None and (told := wording.scale_sentence(record.scale)):
         out.append(told)
     out += [] if "findings" in record.given else _of_fields(record)
     return [(place(one, data), text) for text in out]
@@ -335,7 +326,7 @@ def _of_fields(record: IdentificationRecord) -> list[str]:
     out = []
     if record.excluded:
         out.append(f"{count(len(record.excluded), 'row')} left out of the fit")
-    verdict, fine = noise_verdict(record.noise)
+    verdict, fine = wording.noise_verdict(record.noise)
     if not fine:
         out.append(verdict)
     if record.converged is False:

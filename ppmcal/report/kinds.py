@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from ppmcal.report.certified import CERTIFY
 from ppmcal.report.checked_rows import COMPENSATE, KINEMATICS
 from ppmcal.report.comparison import COMPARE
 from ppmcal.report.design import DESIGN, OTHER
@@ -13,7 +12,7 @@ from ppmcal.report.exported import EXPORT
 from ppmcal.report.identified import IDENTIFY
 from ppmcal.report.section import Kind
 from ppmcal.report.simulated import SIMULATE, TRUTH
-from ppmcal.report.validation import VALIDATE
+from ppmcal.report.validation import CERTIFY, VALIDATE
 
 KINDS: tuple[Kind[Any], ...] = (
     IDENTIFY, DIAGNOSE, COMPENSATE, KINEMATICS, SIMULATE, OTHER, DESIGN, VALIDATE, COMPARE, EXPORT,

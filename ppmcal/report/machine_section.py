@@ -298,7 +298,7 @@ def scene_effects(mechanism: Mechanism, record: DiagnosisRecord | None) -> list[
     for group in together(record) if record is not None else []:
         assert record is not None
         on = list(dict.fromkeys(a for e in group for a in e.on))
-        size = own_values(record, group).replace("+-", "±") or "; ".join(
+        size = own_values(group).replace("+-", "±") or "; ".join(
             f"{name} {text}".strip() for e in group for name, text in amounts(e))
         told |= {(e.kind, frozenset(e.on)) for e in group}
         told.add((group[0].kind, frozenset(on)))

@@ -76,7 +76,7 @@ def _row(cells: Sequence[str]) -> str:
 
 def tables(one: Identified) -> Iterator[PaperTable]:
     """Yield the tables of an identification: its parameters, effects among them, and its errors."""
-    free = [p for p in one.record.parameters if p.status != "fixed"]
+    free = one.record.free
     if free:
         fixed = len(one.record.parameters) - len(free)
         more = f" {fixed} more were held fixed." if fixed else ""
@@ -97,11 +97,9 @@ def tables(one: Identified) -> Iterator[PaperTable]:
 def _parameter(p: ParameterEstimate) -> tuple[str, ...]:
     """Return a parameter's row; all its numbers have the decimals of the interval's two digits."""
     shown = rounded(p.half)
-    status = p.status + ", sessions disagree" * bool(p.disagree)
-    if not shown:
-        return p.name, exact(p.value), "–", sig(p.error), p.unit, status
-    return (p.name, to_sigma(p.value, shown), to_sigma(shown, shown), to_sigma(p.error, shown),
-            p.unit, status)
+    numbers = (exact(p.value), "–", sig(p.error)) if not shown else tuple(
+        to_sigma(v, shown) for v in (p.value, shown, p.error))
+    return p.name, *numbers, p.unit, p.status_words
 
 
 def rounded(half: float | None) -> float:

@@ -123,10 +123,6 @@ Chapter = tuple[str, Callable[[], Section]]
 """What a chapter is called where it cannot be made, and how it is made."""
 
 
-def _nothing(_: Any, __: ReportData) -> Iterable[tuple[str, str]]:
-    return ()
-
-
 @dataclass(frozen=True)
 class Kind(Generic[E]):
     """What becomes of one command's output.
@@ -155,7 +151,7 @@ class Kind(Generic[E]):
     chapters: Callable[[E, ReportData], Iterable[Chapter]]
     shown: Callable[[E, ReportData], Mapping[str, Any]]
     records: Callable[[E], Iterable[tuple[str, Record]]]
-    findings: Callable[[E, ReportData], Iterable[tuple[str, str]]] = _nothing
+    findings: Callable[[E, ReportData], Iterable[tuple[str, str]]] = lambda _, __: ()
     drawings: Callable[[E, ReportData], Drawn] = lambda _, __: {}
     lead: Callable[[E, ReportData], Iterable[str]] = lambda _, __: ()
 

@@ -1,27 +1,39 @@
-"""The section about other days: how well frozen machines predict what no fit has seen."""
+"""The chapters about what no fit has seen: how frozen machines predict it, and certificates."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 import numpy as np
 
-from ppmcal.io.results.parts import ErrorSize
-from ppmcal.io.results.validation import (
-    PredictedError,
-    ValidatedDataset,
-    ValidationRecord,
-    basis,
-    misled,
-    model_sentence,
-    prediction,
+from ppmcal.io.results.certificate import (
+    CertificateRecord,
+    ErrorMap,
+    Heading,
+    NamedLines,
+    PrintedTable,
+    Words,
+    blocks,
+    title,
 )
+from ppmcal.io.results.parts import ErrorSize
+from ppmcal.io.results.validation import PredictedError, ValidatedDataset, ValidationRecord
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import Layer, Marks, Points, Strokes
 from ppmcal.plotting.plot import Axis, row_y, rows_plot, span
-from ppmcal.report.html import Cell, figures, number_cell, paragraph, sig, table, text_cell, typeset
-from ppmcal.report.records import Held
+from ppmcal.report.html import (
+    Cell,
+    definitions,
+    figures,
+    number_cell,
+    paragraph,
+    sig,
+    table,
+    text_cell,
+    typeset,
+)
+from ppmcal.report.records import Held, ReportData
 from ppmcal.report.section import Kind, Section, recorded
 
 ROW, NAMES = 17.0, 170.0
@@ -33,15 +45,20 @@ def days(datasets: Sequence[ValidatedDataset]) -> str:
     """Return picture, table and words of every data set."""
     out = figures(drawings(datasets))
     for data in datasets:
-        out += paragraph(typeset(prediction(data)))
-        how = typeset(basis(data))
+        out += paragraph(typeset(data.prediction()))
+        how = typeset(data.basis())
         out += table(how, _heads(data), [_row(e) for e in data.errors]) if data.errors else ""
     return out
 
 
+def misled(datasets: Sequence[ValidatedDataset]) -> list[str]:
+    """Return what a person must look at."""
+    return [text for data in datasets for text in data.misled()]
+
+
 def lead(record: ValidationRecord) -> str:
     """Return what the page begins with."""
-    return typeset(" ".join(model_sentence(d) for d in record.datasets[:3]))
+    return typeset(" ".join(d.model_sentence() for d in record.datasets[:3]))
 
 
 def _heads(data: ValidatedDataset) -> list[str]:
@@ -127,3 +144,42 @@ VALIDATE: Kind[Held[ValidationRecord]] = Kind(
         (one.folder, text) for text in (*one.record.findings, *misled(one.record.datasets))],
     lambda one, _: {"validation": drawings(one.record.datasets)},
     lambda one, _: [lead(one.record)])
+
+
+def certificate_section(one: Held[CertificateRecord]) -> Section:
+    """Return everything that a certificate states but its map, which its own page has."""
+    parts: list[tuple[str, str]] = [("", "")]
+    for block in blocks(one.record):
+        match block:
+            case Heading(text):
+                parts.append((text, ""))
+                continue
+            case NamedLines(pairs):
+                html = definitions([(name, typeset(text)) for name, text in pairs])
+            case PrintedTable(heads, rows, _, right):
+                html = table("", heads, [[
+                    (number_cell(cell, typeset(cell)) if i in right else text_cell(typeset(cell)))
+                    for i, cell in enumerate(row)] for row in rows])
+            case Words(text):
+                html = paragraph(typeset(text))
+            case ErrorMap():
+                html = paragraph("Drawn on the certificate itself, certificate.html.", "note")
+        parts[-1] = (parts[-1][0], parts[-1][1] + html)
+    (_, who), *chapters = parts
+    return Section(title(one.record), who, one.folder, parts=tuple(
+        Section(name, body) for name, body in chapters if body))
+
+
+def _certified(one: Held[CertificateRecord], _: ReportData) -> Iterator[tuple[str, str]]:
+    """Yield what the certificate itself warns of, and a limit that is not kept."""
+    if one.record.result == "fail":
+        yield one.folder, f"certificate {one.record.number}: the agreed limit is not kept"
+    yield from ((one.folder, text) for text in one.record.findings)
+
+
+CERTIFY: Kind[Held[CertificateRecord]] = Kind(
+    "certified", "certificates", "certificate", 65, (CertificateRecord.FILE,),
+    recorded(CertificateRecord),
+    lambda one, _: [(title(one.record), partial(certificate_section, one))],
+    lambda one, _: {"folder": one.folder, "record": one.record.entries(whole=True)},
+    lambda one: [("certify", one.record)], _certified)

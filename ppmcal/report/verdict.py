@@ -10,13 +10,11 @@ from typing import Any, Literal
 
 from ppmcal.calibration.fit import LARGER
 from ppmcal.calibration.knowledge import FAR, FAR_BECAUSE
+from ppmcal.io.results import diagnosis_wording as wording
 from ppmcal.io.results.diagnosis import DiagnosisRecord
-from ppmcal.io.results.diagnosis_wording import cause_probability, next_step
-from ppmcal.io.results.diagnosis_wording import headline as diagnosis_headline
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import Summaries
 from ppmcal.io.results.identification_wording import noise_verdict, noise_words
-from ppmcal.io.results.left_out_wording import gap_closed, left_out_error
 from ppmcal.io.results.parts import ErrorChange, ErrorSize
 from ppmcal.io.results.simulation import ComparedMachines
 from ppmcal.model.instruments import find_instrument
@@ -164,14 +162,18 @@ def verdicts(data: ReportData) -> list[Verdict]:
                 continue
         found[one.name] = one, _diagnosis(one, by_folder, data.diagnosed)
     several = len(found) > 1
-    return [Verdict(name * several, _lines(one, d, data))
-            for name, (one, d) in list(found.items())[:MOST]]
+    out = []
+    for name, (one, d) in list(found.items())[:MOST]:
+        good = _calibrated(one, d, _accuracy(one, d, data))
+        out.append(Verdict(name * several, (
+            good, _certainty(one, d), _next(one, d, good, data.use))))
+    return out
 
 
 def _accuracy(one: Identified, d: DiagnosisRecord | None, data: ReportData) -> str:
     """Return how accurate the machine is, what no fit has seen first."""
     text = accuracy(one, data)
-    told = d is not None and not unseen(one, main_kind(one), data) and left_out_error(d)
+    told = d is not None and not unseen(one, main_kind(one), data) and wording.left_out_error(d)
     text = f"{told}; {text}" if told else text
     return text[:1].upper() + text[1:]
 
@@ -189,11 +191,6 @@ def _diagnosis(one: Identified, by_folder: dict[str, Diagnosed], every: Sequence
 def _inputs(record: IdentificationRecord | DiagnosisRecord) -> set[str]:
     """Return the digests of the files that a result is of."""
     return set(record.provenance.inputs.values()) - {""}
-
-
-def _lines(one: Identified, d: DiagnosisRecord | None, data: ReportData) -> tuple[Line, ...]:
-    good = _calibrated(one, d, _accuracy(one, d, data))
-    return good, _certainty(one, d), _next(one, d, good, data.use)
 
 
 def _calibrated(one: Identified, d: DiagnosisRecord | None, text: str) -> Line:
@@ -228,11 +225,10 @@ def _certainty(one: Identified, d: DiagnosisRecord | None) -> Line:
     if r.noise.tight:
         parts.append("the errors are larger than the tolerances allow")
     if d is not None and d.effects:
-        parts += filter(None, [cause_probability(d), gap_closed(d).rstrip(".")])
-    free = sum(p.status != "fixed" for p in r.parameters)
+        parts += filter(None, [wording.cause_probability(d), wording.gap_closed(d).rstrip(".")])
     if r.redundant:
         parts.append(f"{count(len(r.redundant), 'redundant combination')} of "
-                     f"{count(free, 'parameter')}; predictions are unaffected")
+                     f"{count(len(r.free), 'parameter')}; predictions are unaffected")
     weak = [p for p in r.parameters if p.disagree]
     if weak:
         parts.append(f"sessions disagree on {count(len(weak), 'parameter')}")
@@ -273,7 +269,7 @@ def _next(one: Identified, d: DiagnosisRecord | None, good: Line, use: Callable[
     ``good``: whether it is calibrated; ``use``: what to do with a folder's model, if so.
     """
     if d is not None and d.next_file:
-        return Line("Next?", "Measure", next_step(d), "warn")
+        return Line("Next?", "Measure", wording.next_step(d), "warn")
     if one.record.campaign is not None:
         poses = count(one.record.campaign.poses, "more pose")
         return Line("Next?", "Measure", f"{poses}, listed in next.csv, would tell the rest.",
@@ -289,6 +285,6 @@ def _next(one: Identified, d: DiagnosisRecord | None, good: Line, use: Callable[
     if d is None:
         return Line("Next?", "Diagnose", "ppmcal diagnose MODEL DATA finds which effect is "
                     "missing.", "warn")
-    words = next_step(d)
-    words = words[:1].upper() + words[1:] or f"{diagnosis_headline(d)} See below."
+    words = wording.next_step(d)
+    words = words[:1].upper() + words[1:] or f"{wording.headline(d)} See below."
     return Line("Next?", "Look closer", words, "warn")

@@ -15,9 +15,9 @@ from helpers.commands import EXECUTABLE, ppmcal, tree
 from helpers.fleets import DESIGN, write_fleet
 
 import ppmcal as face
-from ppmcal.commands.batch import campaign as campaign_module
-from ppmcal.commands.batch.campaign import KEPT
+from ppmcal.commands.batch import run as batch_run
 from ppmcal.commands.batch.manifest import CampaignJob
+from ppmcal.commands.batch.run import KEPT
 from ppmcal.commands.face import carry_out
 from ppmcal.io.results.batch import CampaignRecord
 from ppmcal.io.yaml import dump_yaml, read_yaml
@@ -151,7 +151,7 @@ def test_workers_of_a_cluster_give_the_same_bytes(fleet, alone, tmp_path):
 
 def _campaigns_run():
     """Return whether this worker has run campaigns."""
-    return int("ppmcal.commands.batch.campaign" in sys.modules)
+    return int("ppmcal.commands.batch.run" in sys.modules)
 
 
 @pytest.mark.long
@@ -209,7 +209,7 @@ def done(made, tmp_path):
 
 
 def test_campaigns_with_points_in_their_names_have_notes_of_their_own(tmp_path):
-    at = campaign_module.BatchPlace(str(tmp_path), "out", False)
+    at = batch_run.BatchPlace(str(tmp_path), "out", False)
     names = ("m/2026-01-10/fit.1", "m/2026-01-10/fit.2", "m/2026-01-10/fit")
     jobs = [CampaignJob(n, "m", "2026-01-10", "", "identify", "m.yaml", ()) for n in names]
     notes = [at.kept(j) for j in jobs]
@@ -258,7 +258,7 @@ def test_a_measurement_that_comes_while_its_campaign_runs_is_new(one, monkeypatc
             data.write_text("".join(data.read_text().splitlines(keepends=True)[:-1]))
         return found
 
-    monkeypatch.setattr(campaign_module, "carry_out", slow)
+    monkeypatch.setattr(batch_run, "carry_out", slow)
     found = face.batch(manifest, out, cores=1)
     name = str(data.relative_to(one))
     kept = (out / KEPT / SECOND).with_suffix(".json")
@@ -326,7 +326,7 @@ def test_a_fault_of_the_program_ends_one_campaign_alone(one, monkeypatch):
             raise ZeroDivisionError("by chance")
         return carry_out(spec, asked)
 
-    monkeypatch.setattr(campaign_module, "carry_out", breaks)
+    monkeypatch.setattr(batch_run, "carry_out", breaks)
     found = face.batch(one / "fleet.yaml", one / "out", cores=1)
     ends = {r.campaign: r for r in found.records}
     assert ends[FIRST].exit_code == 3

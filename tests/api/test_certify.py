@@ -23,8 +23,7 @@ from ppmcal.calibration.validation import Budget, Contribution, Figure
 from ppmcal.commands.certify import evidence
 from ppmcal.commands.certify.about import read_about
 from ppmcal.commands.certify.evidence import refuse_uncertifiable, refuse_unknown_cause
-from ppmcal.commands.certify.figures import bidirectional, one_sided, pose_figures
-from ppmcal.commands.certify.judge import decided
+from ppmcal.commands.certify.judge import bidirectional, decided, one_sided, pose_figures
 from ppmcal.commands.certify.printed import wrapped
 from ppmcal.commands.inputs import prepared
 from ppmcal.errors import BadInput

@@ -15,7 +15,6 @@ from helpers.paths import ROOT
 
 import ppmcal as face
 from ppmcal.calibration.validation.nominal_machine import DEFINITION, before
-from ppmcal.io.results.batch import fit_quantities
 
 CONFIGS = ROOT / "configs"
 
@@ -54,7 +53,7 @@ def test_it_is_the_same_in_every_command(bench: Path) -> None:
         stages["after"]["position"]["rms"], rel=0.05)
     of_batch: list[dict[str, Any]] = []
     for result in (plain, found):
-        of_batch.append({q.name: q.value for q in fit_quantities(result.identification)
+        of_batch.append({q.name: q.value for q in result.quantities()
                          if (q.what, q.parameter) == ("error", "before")})
     assert of_batch[0] == of_batch[1] == {k: v["rms"] for k, v in stages["before"].items()}
 

@@ -26,8 +26,6 @@ from ppmcal.io.mechanism_writer import write_mechanism
 from ppmcal.io.results.validation import (
     ValidatedDataset,
     ValidationRecord,
-    effects_sentence,
-    misled,
 )
 from ppmcal.linalg import finite_rows
 
@@ -218,7 +216,7 @@ def test_the_face_judges_against_nominal_and_others(truth, stage, day, tmp_path)
     written = {p.name for p in result.save(tmp_path / "out")}
     assert {"validation.csv", "validation.json", "validation.svg"} <= written
     assert ValidationRecord.read(tmp_path / "out" / "validation.json") == result.record
-    assert "made smaller by backlash on leg1 (" in effects_sentence(result.record.datasets[0])
+    assert "made smaller by backlash on leg1 (" in result.record.datasets[0].effects_sentence()
 
 
 @pytest.mark.slow
@@ -307,7 +305,7 @@ def test_a_row_beyond_tolerances_is_left_out_and_named(truth, day):
     wrong[17, 1] += 0.05
     (found,) = validated(with_and_without(truth), [replace(day[0], position=wrong)])
     assert (found.rows, found.left_out) == ((79, 80), (int(day[0].rows[17]),))
-    (said,) = misled([ValidatedDataset.of(found, truth.units)])
+    (said,) = ValidatedDataset.of(found, truth.units).misled()
     assert f"row {day[0].rows[17]} left out" in said
 
 

@@ -21,7 +21,7 @@ from ppmcal.calibration.sessions.day_noise import with_day_noise
 from ppmcal.calibration.validation.frozen_models import FrozenModel, in_other_assembly, validated
 from ppmcal.design.assembly_modes import assembly_modes
 from ppmcal.io import read_mechanism
-from ppmcal.io.results.validation import ValidationRecord, misled, model_sentence
+from ppmcal.io.results.validation import ValidationRecord
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
@@ -61,13 +61,13 @@ def test_rows_of_another_assembly_mode_are_no_residuals(name):
     mechanism = read_mechanism(ROOT / "configs" / f"{name}.yaml")
     day = judged(mechanism, measured(mechanism, "other"))
     assert day.elsewhere == day.rows == 12
-    assert "the model misses" not in model_sentence(day)
-    assert "12 of 12 rows were measured in another assembly mode" in model_sentence(day)
-    told = misled([day])
+    assert "the model misses" not in day.model_sentence()
+    assert "12 of 12 rows were measured in another assembly mode" in day.model_sentence()
+    told = day.misled()
     assert any("set `home`" in f for f in told) and not any("another machine" in f for f in told)
     day = judged(mechanism, measured(mechanism, "own"))
-    assert not day.elsewhere and "the model misses by" in model_sentence(day)
-    assert not misled([day])
+    assert not day.elsewhere and "the model misses by" in day.model_sentence()
+    assert not day.misled()
 
 
 def test_a_machine_that_is_far_off_is_in_no_other_assembly_mode():
@@ -76,8 +76,8 @@ def test_a_machine_that_is_far_off_is_in_no_other_assembly_mode():
     data = measured(mechanism, "own")
     far = replace(data, position=data.position + [0.2 * mechanism.length_scale, 0.0, 0.0])
     day = judged(mechanism, far)
-    assert not day.elsewhere and "the model misses by" in model_sentence(day)
-    assert any("another machine" in f for f in misled([day]))
+    assert not day.elsewhere and "the model misses by" in day.model_sentence()
+    assert any("another machine" in f for f in day.misled())
 
 
 def test_values_typed_wrong_are_no_other_assembly_mode():

@@ -11,7 +11,6 @@ import yaml
 from helpers.commands import ppmcal
 from helpers.diagnoses import diagnose, effect, named, simulate
 
-from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, EffectValue, kind_of
 from ppmcal.io.results.diagnosis_wording import own_values
 
@@ -87,15 +86,14 @@ def test_an_alternative_is_a_kind_without_its_part(label: str, kind: str) -> Non
 
 def test_values_of_one_hypothesis_are_one_line() -> None:
     """Range, values and the widest interval; a few values, or others of one kind, stay apart."""
-    record = DiagnosisRecord()
     group = [DiagnosedEffect(kind="gain", on=(f"leg{i}",), probability=0.9, parameters={
         "gain": EffectValue(value=0.01 * i, sigma=0.001 * i, unit="")}) for i in (1, 2, 3)]
-    text = own_values(record, group)
+    text = own_values(group)
     assert text == ("gain 0.01 to 0.03 (leg1 0.01, leg2 0.02, leg3 0.03; "
                     "+- 0.0059 at most)")
-    assert own_values(record, group[:2]) == ""
+    assert own_values(group[:2]) == ""
     near = [g.changed(parameters={"period": EffectValue(
         value=v, sigma=0.004, unit="mm")})
         for g, v in zip(group, (3.999, 4.005, 4.0), strict=True)]
-    assert own_values(record, near).startswith("period 3.999 to 4.005 mm (")
-    assert own_values(record, [*group[:2], group[2].changed(probability=0.8)]) == ""
+    assert own_values(near).startswith("period 3.999 to 4.005 mm (")
+    assert own_values([*group[:2], group[2].changed(probability=0.8)]) == ""

@@ -31,8 +31,8 @@ from ppmcal.errors import BadInput
 from ppmcal.io.results import diagnosis_wording as wording
 from ppmcal.io.results.diagnosis import DiagnosisRecord, effects_csv
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, SuspectedEffect
+from ppmcal.io.results.diagnosis_wording import gap_closed, predicted
 from ppmcal.io.results.learned import LearnedEntry
-from ppmcal.io.results.left_out_wording import gap_closed, predicted
 from ppmcal.model.effects import find_effect
 from ppmcal.model.motions import SPATIAL
 from ppmcal.report.diagnosis import diagnosis_section

@@ -48,6 +48,15 @@ def test_long_wide_and_several_files_are_one_campaign_with_one_frame(tmp_path: P
     assert found[0] == pytest.approx(found[2], rel=1e-9)
 
 
+def test_a_scale_that_targets_of_one_file_share_is_told_once(tmp_path: Path) -> None:
+    path = long(tmp_path, measured(3, rows=20))
+    with path.with_suffix(".yaml").open("a") as sidecar_file:
+        sidecar_file.write("scale: unknown\n")
+    found = ppmcal.identify(machine(tmp_path), path)
+    (said,) = [note for note in found.notes if "readings come out" in note]
+    assert said.startswith("body T1: ") and not any("left out" in f for f in found.findings)
+
+
 def test_one_body_is_one_session_called_by_its_file(tmp_path: Path) -> None:
     (label, _), = session_masks(read(tmp_path, long(tmp_path, measured(3, rows=12))))
     assert label == "body"

@@ -8,8 +8,9 @@ import pytest
 from helpers.report_files import own, specs
 
 from ppmcal.calibration.sessions.common_parameters import common_errors, share_interval
-from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord
-from ppmcal.io.results.batch_common import (
+from ppmcal.io.results.batch import (
+    CampaignQuantity,
+    CampaignRecord,
     effect_changes,
     farthest_parameter,
     left,

@@ -14,9 +14,6 @@ from ppmcal.io.results.validation import (
     PredictedError,
     ValidatedDataset,
     ValidationRecord,
-    effects_sentence,
-    misled,
-    registered_sentence,
 )
 from ppmcal.report.validation import picture
 
@@ -48,14 +45,14 @@ def folder(day, tmp_path):
 
 
 def test_words(day):
-    assert registered_sentence(day) == ("may: 40 of 41 rows; fitted: the frame and the joints' "
+    assert day.registered_sentence() == ("may: 40 of 41 rows; fitted: the frame and the joints' "
                                         "zeros (the joints' zeros since the data demand it).")
     turned = day.errors[0].changed(rotation=ErrorSize(rms=0.1, unit="deg"))
     both = day.changed(errors=(turned, *day.errors[1:]), demanded=())
-    assert registered_sentence(both) == (
+    assert both.registered_sentence() == (
         "may: 40 of 41 rows; fitted: the frame and the joints' zeros, to the least square of "
         "positions and rotations over their noise.")
-    assert effects_sentence(day) == "It is made smaller by backlash (0.03 mm)."
+    assert day.effects_sentence() == "It is made smaller by backlash (0.03 mm)."
 
 
 def test_a_miss_that_is_one_row_is_not_told_as_another_machine(day):
@@ -63,7 +60,7 @@ def test_a_miss_that_is_one_row_is_not_told_as_another_machine(day):
     def missing(largest):
         size = ErrorSize(rms=0.13, max=largest, unit="mm")
         first = day.errors[0].changed(position=size, noise=19.0)
-        return misled([day.changed(errors=(first, *day.errors[1:]))])[0]
+        return day.changed(errors=(first, *day.errors[1:])).misled()[0]
 
     assert "one row, off by 0.8 mm" in missing(0.8)
     assert "another machine" not in missing(0.8)

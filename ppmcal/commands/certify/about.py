@@ -14,7 +14,17 @@ from pydantic import BeforeValidator, Field
 from ppmcal.errors import BadInput
 from ppmcal.io.json_schema import Schema, finished
 from ppmcal.io.results.certificate import ISO_AXES, ISO_POSES
-from ppmcal.io.schema import Label, Positive, Strict, UnitsFile, check, choice, refuse, show
+from ppmcal.io.schema import (
+    Label,
+    Positive,
+    Strict,
+    UnitsFile,
+    check,
+    choice,
+    is_number,
+    refuse,
+    show,
+)
 from ppmcal.io.schema import numbers as numbers_of
 from ppmcal.io.yaml import read_yaml
 
@@ -43,15 +53,11 @@ def _country(value: object) -> str:
 
 def _interval(value: object) -> list[float]:
     pair: list[Any] = value if isinstance(value, list) else [value, value]
-    if len(pair) != 2 or not all(map(_is_number, pair)) or pair[0] > pair[1]:
+    if len(pair) != 2 or not all(is_number(v) and -274.0 < v < 1e4 for v in pair) or (
+            pair[0] > pair[1]):
         raise refuse(f"{show(value)} is not a temperature nor a range of them",
                      "Write °C, such as 20.1 or [19.5, 20.5]")
     return [float(v) for v in pair]
-
-
-def _is_number(value: object) -> bool:
-    return (isinstance(value, int | float) and not isinstance(value, bool)
-            and -274.0 < value < 1e4)
 
 
 def _coverage(value: object) -> str:

@@ -27,9 +27,9 @@ from ppmcal.commands.validate.run import to_register
 from ppmcal.commands.verify.options import VerifyArguments
 from ppmcal.commands.verify.run import run as made_again
 from ppmcal.errors import BadInput
+from ppmcal.io.results.beside_model import seen_before
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.knowledge import read_identification
-from ppmcal.io.results.own_calibration import seen_before
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import environment_of, shifted
 from ppmcal.kinematics.forward import moved

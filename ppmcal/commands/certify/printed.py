@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from html import escape
 from typing import Any
 
@@ -92,13 +92,30 @@ img { width: 100%; height: auto; break-inside: avoid; }
 def html_page(record: CertificateRecord) -> str:
     """Return the page, with all that it shows inside."""
     head = escape(title(record))
-    parts = "\n".join(_PARTS[type(b)](b, record) for b in blocks(record))
+    parts = "\n".join(_html(b, record) for b in blocks(record))
     return (f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{head}</title>'
             f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style></head>\n'
             f"<body><h1>{head}</h1>\n{parts}\n</body></html>\n")
 
 
-def _grid(grid: PrintedTable, _: CertificateRecord) -> str:
+def _html(block: Block, record: CertificateRecord) -> str:
+    """Return one part of the page."""
+    match block:
+        case Heading(text):
+            return f"<h2>{escape(text)}</h2>"
+        case Words(text):
+            return f"<p>{escape(text)}</p>"
+        case NamedLines(pairs):
+            return "<dl>" + "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>"
+                                    for k, v in pairs) + "</dl>"
+        case PrintedTable():
+            return _grid(block)
+        case ErrorMap():
+            return (f'<img alt="Errors of {len(record.rows)} rows over the measured places" '
+                    f'src="{data_uri(record)}">')
+
+
+def _grid(grid: PrintedTable) -> str:
     def row(cells: Any, tag: str) -> str:
         return "<tr>" + "".join(
             f'<{tag}{" class=n" if n in grid.right else ""}>{escape(str(c))}</{tag}>'
@@ -108,28 +125,6 @@ def _grid(grid: PrintedTable, _: CertificateRecord) -> str:
     body = "".join(row(r, "td") for r in grid.rows)
     return (f"<table><colgroup>{columns}</colgroup><thead>{row(grid.heads, 'th')}</thead>"
             f"<tbody>{body}</tbody></table>")
-
-
-def _lines(lines: NamedLines, _: CertificateRecord) -> str:
-    return "<dl>" + "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>"
-                            for k, v in lines.pairs) + "</dl>"
-
-
-def _heading(heading: Heading, _: CertificateRecord) -> str:
-    return f"<h2>{escape(heading.text)}</h2>"
-
-
-def _words(words: Words, _: CertificateRecord) -> str:
-    return f"<p>{escape(words.text)}</p>"
-
-
-def _map(_: ErrorMap, record: CertificateRecord) -> str:
-    return (f'<img alt="Errors of {len(record.rows)} rows over the measured places" '
-            f'src="{data_uri(record)}">')
-
-
-_PARTS: Mapping[type[Block], Callable[[Any, CertificateRecord], str]] = {
-    PrintedTable: _grid, NamedLines: _lines, Heading: _heading, Words: _words, ErrorMap: _map}
 
 
 # ---- PDF

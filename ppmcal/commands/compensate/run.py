@@ -32,25 +32,29 @@ from ppmcal.commands.compensate.notes import (
     loose_axes,
 )
 from ppmcal.commands.compensate.options import CompensateArguments
-from ppmcal.commands.compensate.recorded import Forms, asked_form, known_form, with_digits
 from ppmcal.commands.inputs import files_of, load, place_of, refuse_unfit, refuse_unrecorded
 from ppmcal.commands.result import CalibratedMachine, Result
 from ppmcal.commands.spec import Machine, Path_
 from ppmcal.errors import BadInput, NoResult, refuse_unknown
 from ppmcal.io import read_poses
+from ppmcal.io.campaign import read_datasets
 from ppmcal.io.poses import PoseTable
 from ppmcal.io.results.batch import CampaignQuantity
+from ppmcal.io.results.beside_model import of_other_values, read_other_models
 from ppmcal.io.results.commands import (
     RECORDED,
     CommandsRecord,
+    Forms,
     accepted_sentence,
+    command_columns,
     command_files,
     form_words,
+    known_form,
     target_sentence,
+    with_digits,
 )
 from ppmcal.io.results.knowledge import KNOWLEDGE, knowledge_of, read_identification
-from ppmcal.io.results.other_models import read_other_models
-from ppmcal.io.results.own_calibration import of_other_values
+from ppmcal.io.results.record import Column
 from ppmcal.kinematics.needed_columns import ORDER
 from ppmcal.kinematics.tables import refuse_singular_home
 from ppmcal.model.dataset import WRENCH, environment
@@ -80,6 +84,7 @@ class CompensationResult(Result):
 
     COMMAND: ClassVar[str] = "compensate"
     TABLE: ClassVar[str] = "commands.csv"
+    UNTOLD: ClassVar[tuple[str, ...]] = ("units",)
 
     mechanism: Mechanism
     compensation: Compensation
@@ -98,19 +103,19 @@ class CompensationResult(Result):
 
     def files(self) -> Mapping[str, str | bytes]:
         """Return commands.csv, commands.json and perhaps commands_recorded.csv."""
-        return dict(self._made[0])
-
-    @property
-    def record(self) -> CommandsRecord:
-        """The content of commands.json."""
-        return self._made[1]
+        return command_files(self.record, self._columns, self.mechanism.units)
 
     @cached_property
-    def _made(self) -> tuple[dict[str, str], CommandsRecord]:
-        header, columns = self.targets
-        return command_files(self.mechanism, self.compensation, header, list(columns),
-                             self.provenance, self.notes, self.frame, self.findings,
-                             self.recorded[1] if self.recorded else None, self.base_axes)
+    def record(self) -> CommandsRecord:
+        """The content of commands.json."""
+        return CommandsRecord.of(self.mechanism, self.compensation, self._columns,
+                                 self.provenance, self.frame,
+                                 self.recorded[1] if self.recorded else None, self.base_axes,
+                                 self.findings, self.notes)
+
+    @cached_property
+    def _columns(self) -> list[Column]:
+        return command_columns(self.mechanism, self.compensation, *self.targets)
 
     @property
     def base_axes(self) -> str:
@@ -153,10 +158,6 @@ class CompensationResult(Result):
             name, form = self.recorded
             yield f"{RECORDED} has the commands as {name} has its joints: {form_words(form)}."
 
-    def summary(self) -> Mapping[str, Any]:
-        """Return what ``--json`` prints."""
-        return self.record.summary()
-
     def quantities(self) -> Iterator[CampaignQuantity]:
         """Yield the errors to expect, and how many targets have no command."""
         units = self.mechanism.units
@@ -194,7 +195,7 @@ def run(asked: CompensateArguments) -> CompensationResult:
     form_of, form, more = known_form(forms, name, machine)
     notes += more
     if asked.like is not None:
-        form_of, form = Path(asked.like).name, asked_form(asked.like, machine)
+        form_of, form = Path(asked.like).name, _asked_form(asked.like, machine)
     refuse_singular_home(machine)
     poses = read_poses(targets, machine, assume=asked.assume or {})
     sequence = asked.approach == "sequence"
@@ -261,6 +262,20 @@ def _known(model: Machine | CalibratedMachine, knowledge: Path_ | None
     notes.append(Note(f"{path} is not there: uncertainties are unknown" + ("" if ranges else (
         " and so is the measured volume: poses far outside it are not refused")), NOTE))
     return machine, None, [], notes, []
+
+
+def _asked_form(path: Path_, machine: Mechanism) -> RecordedForm:
+    """Return how a measurement file has its joints.
+
+    Raises:
+        BadInput: anything wrong in the file or its sidecar, or commanded quaternions.
+    """
+    found = read_datasets(path, machine)[0].recorded
+    if found is None:
+        raise BadInput("its commanded poses have quaternions, as which commands are not written",
+                       f"{path}: header", "Leave --like out; commands.csv has cmd_rx, cmd_ry, "
+                       "cmd_rz, the rotation vector")
+    return found
 
 
 def _refuse_worse(result: CompensationResult, worse: Collection[int], source: str) -> None:

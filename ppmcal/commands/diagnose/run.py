@@ -31,6 +31,7 @@ from ppmcal.commands.identify.run import (
     PATTERN,
     TOLERATED,
     left_over,
+    said_beside,
     with_unit_findings,
 )
 from ppmcal.commands.inputs import data_files, prepared
@@ -43,28 +44,11 @@ from ppmcal.diagnosis.next_experiment import with_poses
 from ppmcal.diagnosis.own_noise import diagnose_with_own_noise
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.errors import BadInput, PpmcalError, refuse_unknown
+from ppmcal.io.results import diagnosis_wording as wording
 from ppmcal.io.results.batch import CampaignQuantity, effect_quantities, fit_quantities
 from ppmcal.io.results.diagnosis import DiagnosisRecord, files
 from ppmcal.io.results.diagnosis_parts import EffectValue, HeldOutGap
-from ppmcal.io.results.diagnosis_wording import (
-    actuators,
-    confounded,
-    headline,
-    learned,
-    name_of,
-    next_step,
-    onset,
-    own_values,
-    probable,
-    rivals,
-    side,
-    stages,
-    together,
-    tried_sets,
-    unknown_causes,
-    verdict,
-)
-from ppmcal.io.results.left_out_wording import another_day, gap_closed, learned_gap, predicted
+from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.parts import campaign_sentences, misreading_entries
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.effects import GEOMETRY, effect_kinds
@@ -81,17 +65,18 @@ from ppmcal.wording.told import Told
 
 def told(result: Diagnosis, record: DiagnosisRecord) -> Iterator[str]:
     """Yield what a person wants to know."""
-    yield f"{record.name}: {verdict(record)}"
+    yield f"{record.name}: {wording.verdict(record)}"
     yield "Disagreement with geometry alone: " + _where(result)
-    yield stages(record)
-    yield from (*effects(record), *another_day(record), *_suspected(result), *_left(result))
+    yield wording.stages(record)
+    yield from (*effects(record), *wording.another_day(record), *_suspected(result), *_left(result))
     yield from filter(None, (
-        unknown_causes(record), tried_sets(record), gap_closed(record) if record.effects else "",
-        predicted(record), confounded(record), *learned(record), learned_gap(record)))
+        wording.unknown_causes(record), wording.tried_sets(record),
+        wording.gap_closed(record) if record.effects else "", wording.predicted(record),
+        wording.confounded(record), *wording.learned(record), wording.learned_gap(record)))
     if record.not_testable:
         yield "Not testable: " + "; ".join(_lacking(record.not_testable)) + "."
     yield from campaign_sentences(record.campaign)
-    yield f"Next: {next_step(record)}"
+    yield f"Next: {wording.next_step(record)}"
 
 
 def _lacking(untestable: Sequence[Untestable]) -> list[str]:
@@ -123,35 +108,31 @@ def _where(result: Diagnosis) -> str:
 def effects(record: DiagnosisRecord) -> list[str]:
     """Return the named effects with their sizes, and what they cannot be told from."""
     out = []
-    for group in together(record):
+    for group in wording.together(record):
         on = list(dict.fromkeys(a for e in group for a in e.on))
-        heads = ["" if list(e.on) == on else f"{actuator_list(e.on, actuators(record))} "
+        heads = ["" if list(e.on) == on else f"{actuator_list(e.on, wording.actuators(record))} "
                  for e in group]
-        chances = [probable(e.probability) for e in group]
+        chances = [wording.probable(e.probability) for e in group]
         alone = [f" ({p})" if len(set(chances)) > 1 else "" for p in chances]
-        sizes = own_values(record, group) or "; ".join(
-            f"{head}{_event(onset(e))}{_values(e.parameters)}{p}"
-            for head, e, p in zip(heads, group, alone, strict=True))
-        out.append(f"{name_of(record, group[0].called, on)}: {sizes}"
+        sizes = wording.own_values(group) or "; ".join(
+            f"{head}{when}{': ' * bool(when)}{_values(e.parameters)}{p}"
+            for head, e, p in zip(heads, group, alone, strict=True) for when in [wording.onset(e)])
+        out.append(f"{wording.name_of(record, group[0].called, on)}: {sizes}"
                    + ("." if alone[0] else f"; {chances[0]}."))
         out += [f"  {head}{_values(e.derived)}"
                 + (f" at mid-stroke ({number(at.value)} {at.unit})." if at else ".")
                 for head, e in zip(heads, group, strict=True) if e.derived
                 for at in [e.mid_stroke]]
         out += [f"  {line[0].upper() if line.startswith('the ') else line[0]}{line[1:]}"
-                for line in side(group)]
-        if others := rivals(record, group[0]):
+                for line in wording.side(group)]
+        if others := wording.rivals(record, group[0]):
             out.append(
                 f"  Cannot be told from: {abbreviate_list(others, 'effects.csv', joint='; ')}.")
     return out
 
 
-def _event(when: str) -> str:
-    return f"{when}: " if when else ""
-
-
 def _suspected(result: Diagnosis) -> list[str]:
-    names = [f"{c.hypothesis.label} ({probable(c.probability)})"
+    names = [f"{c.hypothesis.label} ({wording.probable(c.probability)})"
              for c in sorted(result.suspected, key=lambda c: -c.probability)]
     return [f"Suspected: {abbreviate_list(names, 'effects.csv')}."] if names else []
 
@@ -215,11 +196,16 @@ class DiagnosisResult(Result):
         """The content of diagnosis.json, file units."""
         return DiagnosisRecord.of(self.diagnosis, self.provenance)
 
+    @cached_property
+    def fit_record(self) -> IdentificationRecord:
+        """The content of identification.json, of the fit with the effects, file units."""
+        return IdentificationRecord.of(self.identification, self.provenance, "prior")
+
     def files(self) -> Mapping[str, Content]:
         """Return model.yaml, effects.csv, residuals.csv, diagnosis.json, ... and pictures."""
         from ppmcal.report.figure_files import diagnosis_files
 
-        return {**files(self.diagnosis, self.provenance, self.record),
+        return {**files(self.diagnosis, self.record, self.fit_record),
                 **diagnosis_files(self.record, self.png)}
 
     def remarks(self) -> Sequence[str]:
@@ -240,12 +226,12 @@ class DiagnosisResult(Result):
 
     def quantities(self) -> Iterator[CampaignQuantity]:
         """Yield those of the fit, and of the effects."""
-        yield from fit_quantities(self.identification)
+        yield from fit_quantities(self.fit_record)
         yield from effect_quantities(self.record)
 
     def headline(self) -> str:
         """Return the verdict with the effects that are named."""
-        return headline(self.record)
+        return wording.headline(self.record)
 
 
 def run(asked: DiagnoseArguments) -> DiagnosisResult:
@@ -275,10 +261,10 @@ def run(asked: DiagnoseArguments) -> DiagnosisResult:
     fit = found.identification.fit
     filed = as_filed(fit.problem.datasets, datasets)
     campaign = secondary(MISSING, lambda: weak_campaign(fit, seed), None, extra)
-    beside = [*secondary(PATTERN, partial(left_over, found.before, seed), [], extra),
-              *secondary(TOLERATED, lambda: list(noise_beyond_tolerances(
-                  fit, [d.estimated for d in filed])), [], extra),
-              *secondary(APART, lambda: pulled_apart(fit, filed), [], extra)]
+    also = partial(said_beside, extra)
+    beside = [*also(PATTERN, lambda: left_over(found.before, seed)),
+              *also(TOLERATED, lambda: noise_beyond_tolerances(fit, [d.estimated for d in filed])),
+              *also(APART, lambda: pulled_apart(fit, filed))]
     found = replace(found, findings=(
         *unused_sentences(fit), *units, *beside, *found.findings, *extra),
                     identification=replace(found.identification, campaign=campaign))

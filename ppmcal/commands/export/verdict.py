@@ -17,6 +17,7 @@ from ppmcal.calibration.knowledge import FAR
 from ppmcal.controllers.export import Exported
 from ppmcal.controllers.pose_errors import MM
 from ppmcal.errors import NoResult
+from ppmcal.io.results.beside_model import of_other_values
 from ppmcal.io.results.export import (
     LEAST,
     NO_GAIN,
@@ -28,7 +29,6 @@ from ppmcal.io.results.export import (
 )
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.knowledge import KNOWLEDGE, read_identification
-from ppmcal.io.results.own_calibration import of_other_values
 from ppmcal.io.results.parts import ErrorSize
 from ppmcal.model.instruments import find_instrument
 from ppmcal.model.mechanism import Mechanism

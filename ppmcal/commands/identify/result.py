@@ -14,17 +14,9 @@ from ppmcal.calibration.validation import UNUSED, Identification, Residuals
 from ppmcal.commands.inputs import imports_behind
 from ppmcal.commands.result import Result
 from ppmcal.controllers import own_words
+from ppmcal.io.results import identification_wording as wording
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import before_words
-from ppmcal.io.results.identification_wording import (
-    flat_sentences,
-    noise_verdict,
-    open_sentences,
-    row_sentences,
-    short_intervals,
-    unchecked_sentences,
-    unidentifiable_words,
-)
 from ppmcal.io.results.parts import campaign_sentences
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
@@ -61,7 +53,7 @@ def _errors(record: IdentificationRecord) -> Iterator[Told]:
 def _noise(n: Noise) -> Iterator[Told]:
     repeats = (f" Repeats scatter {n.repeat_ratio:.3g} times the {n.source} noise."
                if n.repeat_ratio else "")
-    yield f"Noise: {noise_verdict(n)[0]}.{repeats}"
+    yield f"Noise: {wording.noise_verdict(n)[0]}.{repeats}"
     if len(n.by_dataset) > 1:
         ratios = ", ".join(f"{name} {number(r, 3)}" for name, r in n.by_dataset.items())
         yield f"By file: {ratios}."
@@ -69,7 +61,7 @@ def _noise(n: Noise) -> Iterator[Told]:
 
 def _parameters(record: IdentificationRecord) -> Iterator[Told]:
     """Yield the parameters that moved farthest, in tolerances."""
-    free = [p for p in record.parameters if p.status != "fixed"]
+    free = record.free
     shown = sorted(free, key=lambda p: -abs(p.error or 0.0) / (p.tolerance or 1.0))[:SHOWN]
     if shown:
         wider = any(p.sigma_sessions is not None for p in shown)
@@ -78,11 +70,11 @@ def _parameters(record: IdentificationRecord) -> Iterator[Told]:
              "unit", "status"],
             [[p.name, *[number(p.nominal, 7)] * (not wider), number(p.error), number(p.half, 3),
               *[number(p.by_noise, 3)] * wider, p.unit,
-              p.status + ", sessions disagree" * bool(p.disagree)] for p in shown], (1, 2, 3))
+              p.status_words] for p in shown], (1, 2, 3))
         if wider:
             yield ("By noise: the 95 % interval of noise alone; +- 95 % also counts how far "
                    "sessions, or parts of one, differ.")
-    for sentence in short_intervals(record.method):
+    for sentence in wording.short_intervals(record.method):
         yield f"{sentence}."
     if len(free) > len(shown):
         yield (f"The {len(shown)} largest errors against tolerance; all {len(free)} in "
@@ -105,7 +97,7 @@ def _redundant(record: IdentificationRecord, prior: bool) -> Iterator[Told]:
         count = sum(s.combinations for s in record.unidentifiable)
         how = "held by the prior" if prior else "left at nominal"
         yield (f"{count} redundant: combinations of parameters that these data cannot identify "
-               f"({how}): {unidentifiable_words(record.unidentifiable)}.")
+               f"({how}): {wording.unidentifiable_words(record.unidentifiable)}.")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -121,6 +113,7 @@ class IdentificationResult(Result):
 
     COMMAND: ClassVar[str] = "identify"
     TABLE: ClassVar[str] = "parameters.csv"
+    UNTOLD: ClassVar[tuple[str, ...]] = ("covariance", "known_rows")
 
     identification: Identification
     method: str
@@ -207,13 +200,13 @@ class IdentificationResult(Result):
         yield from _redundant(record, fit.by_tolerances)
         if fit.by_tolerances:
             yield from _prior_dominated(record)
-        yield from open_sentences(record.collinear, record.scale)
-        yield from flat_sentences(record.flats)
+        yield from wording.open_sentences(record.collinear, record.scale)
+        yield from wording.flat_sentences(record.flats)
         yield from campaign_sentences(record.campaign)
         # above the rows left out
         yield Findings([f for f in record.all_findings() if f not in unused])
-        yield from row_sentences(record.gross_errors, record.would_be, found.mechanism)
-        yield from unchecked_sentences(record.unchecked)
+        yield from wording.row_sentences(record.gross_errors, record.would_be, found.mechanism)
+        yield from wording.unchecked_sentences(record.unchecked)
 
     def _controller(self) -> str:
         """Return what the controller that the machine was imported from calls its parameters."""
@@ -228,11 +221,7 @@ class IdentificationResult(Result):
         """Yield errors, noise and parameters."""
         from ppmcal.io.results.batch import fit_quantities
 
-        return fit_quantities(self.identification)
-
-    def summary(self) -> Mapping[str, Any]:
-        """Return what ``--json`` prints."""
-        return self.record.summary()
+        return fit_quantities(self.record)
 
     def headline(self) -> str:
         """Return parameters, rank and the error before and after."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -127,30 +127,27 @@ def run(asked: IdentifyArguments) -> IdentificationResult:
             "what the data leave open", lambda: with_held(found.fit, held),
             found.identifiability, extra))
     campaign = secondary(MISSING, lambda: weak_campaign(found.fit, seed), None, extra)
+    also = partial(said_beside, extra)
     # what an earlier calibration knew may be all that so few poses lack
-    beside = [] if before is not None or not problem.free else secondary(
-        "whether the poses are too few", lambda: list(too_few(fit)), [], extra)
+    beside = [] if before is not None or not problem.free else also(
+        "whether the poses are too few", lambda: too_few(fit))
     if chosen == "prior":
-        beside += secondary("what else the registration might fit",
-                           lambda: hint_sentences(found.fit, registration_hints(found.fit)), [],
-                           extra)
-    beside += secondary(PATTERN, lambda: left_over(fit, seed), [], extra)
+        beside += also("what else the registration might fit", lambda: hint_sentences(
+            found.fit, registration_hints(found.fit)))
+    beside += also(PATTERN, lambda: left_over(fit, seed))
     if before is not None:
         from ppmcal.calibration.sessions import carried_on
 
-        notes += odd + secondary("how far the machine has changed",
-                                 lambda: carried_on(fit, before, options), [], extra)
-    beside += secondary("whether ropes are slack", lambda: list(slack_ropes(fit)), [], extra)
-    beside += secondary(TOLERATED, lambda: list(noise_beyond_tolerances(
-        fit, _estimated(problem, sigma))), [], extra)
-    beside += secondary("what touches beside the tool leave open",
-                        lambda: list(tilt_sentences(found.fit)), [], extra)
+        notes += odd + also("how far the machine has changed",
+                            lambda: carried_on(fit, before, options))
+    beside += also("whether ropes are slack", lambda: slack_ropes(fit))
+    beside += also(TOLERATED, lambda: noise_beyond_tolerances(fit, _estimated(problem, sigma)))
+    beside += also("what touches beside the tool leave open", lambda: tilt_sentences(found.fit))
     if sigma != "estimated":
-        beside += secondary(APART, lambda: pulled_apart(fit, problem.datasets), [], extra)
-    told += [*secondary("the scale of true lengths", lambda: list(scale_sentences(found)), [],
-                        extra),
-             *secondary("the offsets of encoders", lambda: list(offset_sentences(found)), [],
-                        extra), *([choice_sentence(choice)] if choice else [])]
+        beside += also(APART, lambda: pulled_apart(fit, problem.datasets))
+    told += [*also("the scale of true lengths", lambda: scale_sentences(found)),
+             *also("the offsets of encoders", lambda: offset_sentences(found)),
+             *([choice_sentence(choice)] if choice else [])]
     whole = replace(found, findings=(
         *unused_sentences(found.fit), *notes, *units, *beside, *extra, *found.findings),
                     earlier=before, campaign=campaign)
@@ -166,13 +163,19 @@ def when_refused(error: PpmcalError, _: IdentifyArguments, __: Path | None) -> R
                     "misreadings": [e.entries() for e in entries]})
 
 
+def said_beside(failed: list[Note], what: str, make: Callable[[], Iterable[Note]]) -> list[Note]:
+    """Return the sentences of an analysis beside a fit; where it fails ``failed`` says that."""
+    return secondary(what, lambda: list(make()), [], failed)
+
+
 def scale_sentences(found: Identification) -> Iterator[Note]:
     """Yield what each data set shows of true lengths, where that was fitted, with 95 %."""
     fit, names, none = found.fit, list(found.columns), unused(found.fit)
     for i, (data, registration) in enumerate(zip(fit.problem.datasets, fit.state.registrations,
                                                  strict=True)):
-        if data.scale.fitted and i not in none:
-            place = names.index(f"scale of {data.name}")
+        column = f"scale of {data.name}"    # targets of one file share that of the first
+        if data.scale.fitted and column in names and i not in none:
+            place = names.index(column)
             sigma = float(np.sqrt(found.covariance[place, place]))
             half = coverage(fit) * sigma
             stated = "" if data.scale.sigma is None else (

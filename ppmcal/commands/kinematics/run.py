@@ -44,7 +44,7 @@ from ppmcal.io.results.kinematics import (
     solved_sentence,
 )
 from ppmcal.io.results.knowledge import KNOWLEDGE, knowledge_of, read_identification
-from ppmcal.io.results.own_calibration import of_other_values
+from ppmcal.io.results.beside_model import of_other_values
 from ppmcal.io.results.tables import joint_columns
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import shifted

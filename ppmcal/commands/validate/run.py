@@ -18,16 +18,10 @@ from ppmcal.commands.result import CalibratedMachine, Result
 from ppmcal.commands.spec import Machine, Path_
 from ppmcal.commands.validate.options import ValidateArguments
 from ppmcal.errors import refuse_unknown
+from ppmcal.io.results.beside_model import rows_seen, seen_before
 from ppmcal.io.results.identification_parts import rows_behind
 from ppmcal.io.results.knowledge import KNOWLEDGE
-from ppmcal.io.results.own_calibration import rows_seen, seen_before
-from ppmcal.io.results.validation import (
-    ValidatedDataset,
-    ValidationRecord,
-    basis,
-    model_sentence,
-    prediction,
-)
+from ppmcal.io.results.validation import ValidatedDataset, ValidationRecord
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import REGISTERED
 from ppmcal.model.mechanism import Mechanism
@@ -67,13 +61,13 @@ class ValidationResult(Result):
     def told(self) -> Iterator[Told]:
         """Yield what was fitted of each data set, and how well each machine predicts it."""
         for data in self.record.datasets:
-            yield basis(data)
+            yield data.basis()
             yield errors_table(data)
-            yield prediction(data)
+            yield data.prediction()
 
     def headline(self) -> str:
         """Return how well the first data set is predicted."""
-        return model_sentence(self.record.datasets[0])
+        return self.record.datasets[0].model_sentence()
 
 
 def run(asked: ValidateArguments) -> ValidationResult:

@@ -27,6 +27,11 @@ class CertifiedParty(Part):
     country: Text = ""
     accreditation: Text = ""
 
+    @property
+    def words(self) -> str:
+        """Name, city and country."""
+        return ", ".join(filter(None, (self.name, self.city, self.country)))
+
 
 class CertificateRecord(Record):
     """certificate.json, in ``units``.
@@ -160,8 +165,7 @@ def _who(record: CertificateRecord) -> Iterator[Block]:
     yield NamedLines([
         ("Machine", " ".join(filter(None, (record.maker, record.model)))
          + f", serial number {record.serial} ({record.of_file})"),
-        ("Customer", _party(record.customer.name, record.customer.city, record.customer.country)),
-        ("Laboratory", _party(lab.name, lab.city, lab.country) + accredited),
+        ("Customer", record.customer.words), ("Laboratory", lab.words + accredited),
         ("Measured", f"{record.date} by {record.operator}"), ("Issued", record.issued),
         ("Instrument", "none: joint values alone" if record.instrument is None else
          f"{record.instrument}, serial number {record.instrument_serial}, certificate "
@@ -169,10 +173,6 @@ def _who(record: CertificateRecord) -> Iterator[Block]:
          f"U = {_value(record.uncertainty, unit)} (k = {_value(record.coverage_factor)})"),
         ("Temperature", f"{warm} °C"),
         *((name[:1].upper() + name[1:], told) for name, told in record.conditions.items())])
-
-
-def _party(name: str, city: str, country: str) -> str:
-    return ", ".join(filter(None, (name, city, country)))
 
 
 def _figures(record: CertificateRecord) -> Iterator[Block]:

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from operator import attrgetter
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ppmcal.calibration.compensation import KINDS, Compensation
+from ppmcal.calibration.compensation import (
+    KINDS,
+    Compensation,
+    PoseRows,
+    joint_resolution,
+    sent,
+)
 from ppmcal.io.csv import Table
 from ppmcal.io.csv_dialect import Dialect
-from ppmcal.io.recorded import recorded_text
+from ppmcal.io.recorded import recorded_text, with_decimals
 from ppmcal.io.results.identification_tables import rms
 from ppmcal.io.results.parts import ErrorChange
 from ppmcal.io.results.record import Column, Record, Text, Whole, table_text
@@ -24,10 +30,14 @@ from ppmcal.io.results.tables import (
     pose_columns,
 )
 from ppmcal.io.yaml import number_text
+from ppmcal.kinematics.closure import Model
 from ppmcal.linalg import Array
+from ppmcal.model.dataset import unknown_environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.recorded import LABEL, RecordedForm
+from ppmcal.notes import NOTE, Note
 from ppmcal.store.provenance import Provenance
+from ppmcal.units import Units
 from ppmcal.wording import number, pluralize
 
 RECORDED = "commands_recorded.csv"
@@ -63,9 +73,8 @@ class CommandsRecord(Record):
 
     @classmethod
     def of(cls, mechanism: Mechanism, result: Compensation, columns: Sequence[Column],
-           provenance: Mapping[str, Any], notes: Sequence[str], frame: str,
-           findings: Sequence[str] = (), recorded: RecordedForm | None = None,
-           base_axes: str = "") -> CommandsRecord:
+           provenance: Mapping[str, Any], frame: str, recorded: RecordedForm | None,
+           base_axes: str, findings: Sequence[str], notes: Sequence[str]) -> CommandsRecord:
         """Return the record of commands with the columns of their table."""
         own = {c.name: mechanism.units.name(c.quantity) for c in columns if c.quantity}
         more: dict[str, Any] = {} if recorded is None else {"recorded": recorded}
@@ -78,10 +87,6 @@ class CommandsRecord(Record):
                    units=column_units(mechanism, [c.name for c in columns]) | own,
                    provenance=Provenance(**provenance),
                    **more)
-
-    def summary(self) -> dict[str, Any]:
-        """Return the content without the units."""
-        return {k: v for k, v in self.entries().items() if k != "units"}
 
     def parts_sentence(self) -> str:
         """Return what of the error to expect is the machine's and what the frame's, if it is known.
@@ -168,33 +173,70 @@ def command_columns(mechanism: Mechanism, result: Compensation, header: Sequence
     return [*(Column(n, c) for n, c in zip(header, filled, strict=True) if n not in ours), *added]
 
 
-def command_files(mechanism: Mechanism, result: Compensation, header: Sequence[str],
-                  columns: Sequence[Any], provenance: Mapping[str, Any], notes: Sequence[str],
-                  frame: str = "", findings: Sequence[str] = (),
-                  recorded: RecordedForm | None = None, base_axes: str = ""
-                  ) -> tuple[dict[str, str], CommandsRecord]:
-    """Return commands.csv and commands.json, and the record in the latter.
-
-    With commands_recorded.csv where commands are wanted in a ``recorded`` form too.
-    """
-    found = command_columns(mechanism, result, header, columns)
-    record = CommandsRecord.of(mechanism, result, found, provenance, notes, frame,
-                               findings, recorded, base_axes)
-    made = {"commands.csv": table_text(found, mechanism.units)}
-    if recorded is not None:
-        sent = joint_columns(mechanism, result.q, "q_{}") | pose_columns(
-            mechanism, result.command, "cmd_")
-        made[RECORDED] = recorded_text(
-            recorded, _labels(header, columns, len(result.status)), sent)
-    return {**made, record.FILE: record.text()}, record
+def command_files(record: CommandsRecord, columns: Sequence[Column], units: Units
+                  ) -> dict[str, str]:
+    """Return commands.csv and commands.json, and commands_recorded.csv where that is wanted."""
+    made = {"commands.csv": table_text(columns, units)}
+    if record.recorded is not None:
+        values = {c.name: c.values for c in columns}
+        made[RECORDED] = recorded_text(record.recorded, _labels(values), values)
+    return {**made, record.FILE: record.text()}
 
 
-def _labels(header: Sequence[str], columns: Sequence[Any], count: int) -> list[str]:
+def _labels(columns: Mapping[str, Any]) -> list[str]:
     """Return the targets' own names (N,), numbers where they have none."""
-    given = dict(zip(header, columns, strict=True)).get(LABEL, ("",) * count)
+    given = columns.get(LABEL, ("",) * len(columns["status"]))
     words = [v if isinstance(v, str) else number_text(v) if np.isfinite(v) else ""
              for v in (given if isinstance(given, tuple) else np.asarray(given).tolist())]
     return [word.strip() or str(n) for n, word in enumerate(words, 1)]
+
+
+LOST = 0.1
+"""Part of the model's own standard deviation that rounding may take."""
+FINE = 1e-7
+"""Part of the reach, or of a radian, that it may take where that is unknown."""
+Forms = Sequence[tuple[str, RecordedForm | None]]
+"""Data sets by name, with how each has its joints; None: as the mechanism file."""
+
+
+def known_form(forms: Forms, frame: str, machine: Mechanism
+               ) -> tuple[str, RecordedForm | None, list[Note]]:
+    """Return which data set has its joints otherwise than the mechanism file, how, and notes.
+
+    That of the targets' ``frame``; in base axes the first.
+    """
+    own = {f"q_{a}" for a in machine.actuators}
+    there = [(name, form) for name, form in forms if form is not None
+             and frame in ("", name) and form.values
+             and all(c.name in own or c.name.startswith("cmd_") for c in form.values)]
+    if not there:
+        return "", None, []
+    name, form = there[0]
+    other = next((n for n, f in there if _without_digits(f) != _without_digits(form)), "")
+    return name, form, [Note(
+        f"{other} has its joints in another form than {name}, as which commands_recorded.csv has "
+        "the commands: choose another file with --like", NOTE)] if other else []
+
+
+def _without_digits(form: RecordedForm) -> RecordedForm:
+    return replace(form, columns=tuple(replace(c, decimals=0) for c in form.values))
+
+
+def with_digits(form: RecordedForm, machine: Mechanism, found: Compensation) -> RecordedForm:
+    """Return a form with digits enough for commands: rounding takes little of what is known."""
+    rows = sent(found)
+    allowed = [max(LOST * float(np.min(sigma[rows], initial=np.inf)), 1e-2 * FINE * size)
+               if rows.any() and np.isfinite(sigma[rows]).all() else FINE * size
+               for sigma, size in ((found.sigma_position, machine.reach),
+                                   (found.sigma_rotation, 1.0))]
+    at = PoseRows(found.pose, np.where(rows[:, None], found.q, np.nan),
+                  unknown_environment(*found.q.shape))
+    joints = joint_resolution(Model(machine), at, *allowed) / machine.joint_factors()
+    steps = {f"q_{a}": float(s) for a, s in zip(machine.actuators, joints, strict=True)}
+    for c, name in zip(machine.dof, machine.coordinates, strict=True):
+        quantity, size = ("length", allowed[0]) if c < 3 else ("angle", allowed[1])
+        steps[f"cmd_{name}"] = 2.0 * size / machine.units.factor(quantity)
+    return with_decimals(form, steps)
 
 
 def form_words(form: RecordedForm) -> str:

@@ -18,12 +18,12 @@ from ppmcal.diagnosis.localization import Place
 from ppmcal.diagnosis.plot_data import PlotData, SelectionStep, plot_data
 from ppmcal.diagnosis.result import Candidate, Diagnosis, LeftOutBlocks, Swallowed, UnknownFound
 from ppmcal.io import csv_text, write_mechanism
+from ppmcal.io.results.beside_model import OtherModel, OtherModels, TriedSet, other_files
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, HeldOutGap, SuspectedEffect
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import ErrorStages, excluded_rows, summaries
 from ppmcal.io.results.identification_tables import residuals_csv
 from ppmcal.io.results.learned import LearnedEntry
-from ppmcal.io.results.other_models import OtherModel, OtherModels, TriedSet, other_files
 from ppmcal.io.results.parts import CampaignSummary, LeftOutRow, MisreadingEntry, misreading_entries
 from ppmcal.io.results.record import Column, Flag, Record, Shown, Text, Whole, table_text
 from ppmcal.io.results.tables import WrittenTable, finite_number, joint_columns, pose_columns
@@ -189,7 +189,7 @@ def _confirmed(result: Diagnosis) -> bool | None:
 EFFECT_TABLE = WrittenTable("effects.csv", ("p_value", "survival", "probability").__contains__)
 
 
-def files(result: Diagnosis, provenance: Mapping[str, Any], record: DiagnosisRecord
+def files(result: Diagnosis, record: DiagnosisRecord, of_fit: IdentificationRecord
           ) -> dict[str, Content]:
     """Return file name -> text of everything that diagnose writes but pictures."""
     found, fit = result.identification, result.identification.fit
@@ -197,12 +197,12 @@ def files(result: Diagnosis, provenance: Mapping[str, Any], record: DiagnosisRec
     out: dict[str, Content] = {
         "model.yaml": write_mechanism(
             found.mechanism,
-            f"diagnosed by ppmcal {provenance.get('version', '')}: {result.verdict}; from "
+            f"diagnosed by ppmcal {record.provenance.version}: {result.verdict}; from "
             + ", ".join(d.name for d in fit.problem.datasets)),
         "effects.csv": effects_csv(result),
         "residuals.csv": residuals_csv(fit, found.before, found.after, alone),
         record.FILE: record.text(),
-        "identification.json": IdentificationRecord.of(found, provenance, "prior").text(),
+        of_fit.FILE: of_fit.text(),
     }
     for name, other in other_files(result):
         what = ("fitted by ppmcal without the effects of model.yaml" if other.bare else

@@ -159,6 +159,11 @@ class IdentificationRecord(Record):
             covariance=CovarianceEntry.of(result))
 
     @property
+    def free(self) -> list[ParameterEstimate]:
+        """The parameters that were fitted."""
+        return [p for p in self.parameters if p.status != "fixed"]
+
+    @property
     def far(self) -> tuple[ParameterEstimate, ...]:
         """The parameters that are farther from nominal than tolerances allow."""
         return tuple(p for p in self.parameters if p.far)
@@ -166,10 +171,6 @@ class IdentificationRecord(Record):
     def all_findings(self) -> list[str]:
         """Return the findings, and which drives lost their zero."""
         return [*self.findings, *(Note(t) for s in self.homing_shifts if (t := shift_sentence(s)))]
-
-    def summary(self) -> dict[str, Any]:
-        """Return the content without the covariance and the rows of the tables."""
-        return {k: v for k, v in self.entries().items() if k not in ("covariance", "known_rows")}
 
     def files(self, result: Identification) -> dict[str, Content]:
         """Return file name -> text of everything that identify writes of its ``result``."""

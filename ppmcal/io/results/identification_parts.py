@@ -92,6 +92,11 @@ class ParameterEstimate(Part):
         return half_or(self.half_noise, self.sigma)
 
     @property
+    def status_words(self) -> str:
+        """Its status, and whether sessions surely have other values of it."""
+        return self.status + ", sessions disagree" * bool(self.disagree)
+
+    @property
     def tolerances(self) -> float | None:
         """How many tolerances the error is, None without one."""
         return abs(self.error) / self.tolerance if (

@@ -70,11 +70,8 @@ def parameters_csv(entries: Sequence[object]) -> str:
     heads: tuple[str, ...] = PARAMETERS
     if any(getattr(e, "sigma_sessions", None) is not None for e in entries):
         heads += SESSIONS
-    return csv_text(heads, [[_cell(getattr(e, h)) for e in entries] for h in heads])
-
-
-def _cell(value: object) -> object:
-    return int(value) if isinstance(value, bool) else value
+    return csv_text(heads, [[int(v) if isinstance(v, bool) else v
+                             for e in entries for v in [getattr(e, h)]] for h in heads])
 
 
 def table_units(problem: Problem) -> dict[str, dict[str, str]]:

@@ -17,7 +17,7 @@ from ppmcal.model.effects.inputs import DIRECTION
 from ppmcal.model.effects.learned import INPUTS, JOINT
 from ppmcal.model.effects.learned_curve import si_factor
 from ppmcal.units import Key, OfUnit, Quantity, Units
-from ppmcal.wording import number
+from ppmcal.wording import actuator_list, number
 
 
 class EquationFactor(Part):
@@ -67,7 +67,7 @@ APPROACH = "approach"
 
 
 def _factor(found: Equation, factor: InputForm, units: Units) -> EquationFactor:
-    """Return a factor whose scale is the power of ten below its input's reach."""
+    """Return a factor whose scale is the largest power of ten within its input's reach."""
     quantity, zero = found.quantity_of(factor.input), INPUTS[factor.input].zero
     per = si_factor(units, quantity)
     nodes = found.nodes if factor.input == found.input else found.by_nodes
@@ -75,13 +75,9 @@ def _factor(found: Equation, factor: InputForm, units: Units) -> EquationFactor:
     return EquationFactor(
         variable=INPUTS[factor.input].variable, form=factor.form, degree=factor.degree,
         origin=factor.origin / per + zero,
-        scale=1.0 if factor.form == "sign" else _round(reach),
+        scale=1.0 if factor.form == "sign" else float(
+            10.0 ** math.floor(math.log10(reach) + 1e-9)),
         unit="degC" if quantity == "deg C" else units.name(quantity))
-
-
-def _round(reach: float) -> float:
-    """Return the largest power of ten that is at most ``reach``."""
-    return float(10.0 ** math.floor(math.log10(reach) + 1e-9))
 
 
 def _si_scale(found: Equation, product: Product, factors: list[EquationFactor], units: Units
@@ -110,6 +106,9 @@ def _words(f: EquationFactor) -> str:
     return {"above": f"max({part}, 0)", "below": f"max(-{part}, 0)", "abs": f"|{part}|"}[f.form]
 
 
+LOOKS = {"even": "alike on both sides of its middle (an even function)",
+         "odd": "opposite on both sides of its middle (an odd function)"}
+"""What functions are called, in plain words."""
 DRAWN, DIGITS = 600, 6
 Curve = Annotated[tuple[Shown | None, ...], Quantity(of="unit", digits=DIGITS)]
 Inputs = Annotated[tuple[Shown | None, ...], Quantity(digits=DIGITS)]
@@ -160,6 +159,34 @@ class LearnedEntry(Part):
     terms: Annotated[tuple[EquationTerm, ...], Key("equation.terms")] = ()
     equation_probability: Annotated[Shown | None, Key("equation.probability")] = None
     equation_after: Annotated[Shown | None, Key("equation.after")] = None
+
+    def name(self, total: int) -> str:
+        """Return ``error of leg3 by its travel``, ``platform's z by x``; of so many actuators."""
+        what = (f"error of {actuator_list(self.on, total)} by " if self.on
+                else f"platform's {self.acts} by ")
+        own = "" if not self.on else "its " if len(self.on) == 1 else "their own "
+        source = "temperature" if self.input == "temperature" else own + self.input
+        if self.by and self.by != "direction":
+            return f"{what}{source} and {self.by}"
+        return f"{what}{source}" + (", with the sign of the approach" if self.by else "")
+
+    def sentence(self, total: int) -> str:
+        """Return what was learned, and the short equation that does as well if there is one."""
+        text = (f"Learned, with no cause claimed: {self.name(total)}, {number(self.rms, 3)} "
+                f"{self.unit} rms over {number(self.low)} to {number(self.high)} "
+                f"{self.input_unit}{self._look()}.")
+        if self.equation is None:
+            return text
+        sizes = ", ".join(f"{number(t.size, 3)} +- {number(t.sigma, 2)} {self.equation_unit}"
+                          for t in self.terms)
+        return f"{text} As an equation that does as well: {self.equation} (sizes {sizes})."
+
+    def _look(self) -> str:
+        words = [f"{w} (every {number(self.period, 3)} {self.input_unit})"
+                 if w == "repeating" and self.period else LOOKS.get(w, w) for w in self.looks]
+        like = [f"; nearest in the library: {n.get('effect', '')} (cosine "
+                f"{number(n.get('cosine'), 2)})" for n in self.near[:1]]
+        return f"; it looks {', '.join(words)}" * bool(words) + "".join(like)
 
     @classmethod
     def all_of(cls, result: Diagnosis) -> tuple[LearnedEntry, ...]:

@@ -128,6 +128,130 @@ class ValidatedDataset(Part):
                                 if r.row not in found.left_out),
                    left_out=found.left_out)
 
+    def basis(self) -> str:
+        """Return which rows these are, what was fitted of them, and their noise."""
+        return f"{self.registered_sentence()} {self._noise_words()}".strip()
+
+    def prediction(self) -> str:
+        """Return how well the model predicts a data set, and what its effects are worth there."""
+        return f"{self.model_sentence()} {self.effects_sentence()}".strip()
+
+    def model_sentence(self) -> str:
+        """Return how well the model predicts a data set.
+
+        Rows of another assembly mode are not residuals, nor is their error the model's.
+        """
+        first = self.errors[0] if self.errors else PredictedError()
+        sizes = [_with_interval(s) for s in (first.position, first.rotation)
+                 if s and s.rms is not None]
+        if self.elsewhere:
+            return (f"{self.name}: {self.elsewhere} of {self.rows} rows were measured in another "
+                    "assembly mode than home's, the other way the limbs close at the same joint "
+                    f"values: {' and '.join(sizes)} is how far apart these are, no error of the "
+                    "model.")
+        times = "" if first.noise is None or self.factor is None else (
+            f", {number(first.noise, 2)} times the noise")
+        if first.closure:
+            limbs = ", ".join(f"{name} {number(size)}" for name, size in first.limbs.items()
+                              if size is not None)
+            return (f"{self.name}: limbs are {_with_interval(first.closure)} from closing{times}; "
+                    f"{limbs} {first.closure.unit} by limb.")
+        return f"{self.name}: the model misses by {' and '.join(sizes)}{times}."
+
+    def effects_sentence(self) -> str:
+        """Return what the effects are worth there, empty where there is none."""
+        parts: dict[str, list[str]] = {"worse": [], "better": [], "same": []}
+        for e in self.errors:
+            if (lacks := effect_left_out(e.model)) and e.closer is not None:
+                size = "" if e.verdict == "same" else f" ({number(abs(e.closer), 2)} {e.unit})"
+                parts[e.verdict].append(lacks + size)
+        told = [f"{words} {_listed(names)}" for words, names in (
+            ("made smaller by", parts["worse"]), ("made LARGER by", parts["better"]),
+            ("no sure difference by", parts["same"])) if names]
+        return f"It is {'; '.join(told)}." if told else ""
+
+    def misled(self) -> list[str]:
+        """Return what to look at: a miss, effects that make it worse, better machines."""
+        out = [*self._missed(), *self._unlike()]
+        for e in self.errors:
+            if e.verdict == "better" and e.closer is not None:
+                ends = "" if e.low is None or e.high is None else (
+                    f" (95 %: {number(e.low, 2)} to {number(e.high, 2)})")
+                size = f"by {number(abs(e.closer), 2)} {e.unit} rms{ends}"
+                what = effect_left_out(e.model)
+                verb = "make" if what == "all effects" else "makes"
+                out.append(f"{self.name}: {what} {verb} the prediction worse {size}: "
+                           "leave it out of the model, or diagnose this day too"
+                           if what else
+                           f"{self.name}: {e.model} predicts better than the model {size}: "
+                           "use it, or calibrate again")
+        return out
+
+    def registered_sentence(self) -> str:
+        """Return what the registration fitted, and what it makes least: no error in mm alone."""
+        if self.alone:
+            return (f"{self.name}: {self.rows} of {self.of_rows} rows of joint values alone: "
+                    "errors are how far limbs are from closing.")
+        names = [OPENED.get(w, w) for w in self.fitted]
+        fitted = "nothing" if not names else _listed(names)
+        more = [OPENED.get(w, w) for w in self.demanded]
+        tail = f" ({_listed(more)} since the data demand it)" if more else ""
+        both = names and self.errors and self.errors[0].position and self.errors[0].rotation
+        how = ", to the least square of positions and rotations over their noise" if both else ""
+        return f"{self.name}: {self.rows} of {self.of_rows} rows; fitted: {fitted}{tail}{how}."
+
+    def _noise_words(self) -> str:
+        """Return the noise that it is judged by with its source, empty where none is given."""
+        if self.factor is None:
+            return ""
+        size = f"{number(self.noise, 3)} {self.unit}" if self.noise is not None else (
+            f"{number(self.factor, 3)} times what its sidecar states")
+        stated = "" if self.stated is None else f" (its sidecar: {number(self.stated)} {self.unit})"
+        if self.judged_by == STATED:
+            return f"Noise {size}, as its sidecar states." if self.noise is not None else ""
+        how = "as repeats scatter" if self.judged_by == REPEATS else (
+            "estimated from what a fit of that day alone leaves")
+        return f"Noise {size}, {how}{stated}."
+
+    def _of_one_row(self) -> str:
+        """Return that one row makes nearly all of the mean square, empty where none does."""
+        size = self.errors[0].size
+        if size is None or not size.rms or size.max is None or self.rows < FEW:
+            return ""
+        share = size.max**2 / (self.rows * size.rms**2)
+        return (f"{share:.0%} of its mean square is one row, off by {number(size.max)} {size.unit}"
+                if share > ONE_ROW else "")
+
+    def _missed(self) -> list[str]:
+        """Return what a model misses a data set by, if it does: what that is most likely."""
+        if self.elsewhere:
+            return [f"{self.name}: {self.elsewhere} of {self.rows} rows were measured in another "
+                    "assembly mode than home's: set `home` in the machine file to a pose of "
+                    "theirs, or leave them out; nothing else here is to be read as an error of "
+                    "the model"]
+        times = self.errors[0].noise if self.errors else None
+        if times is None or times <= MISSED:
+            return []
+        one = self._of_one_row()
+        return [f"{self.name} does not fit the model ({number(times, 2)} times the noise): " + (
+            f"{one}, a value typed wrong perhaps: `identify` names the row" if one else
+            "another machine, or something has changed: calibrate with these rows, and "
+            "`ppmcal compare` tells what changed")]
+
+    def _unlike(self) -> list[str]:
+        """Return which rows do not fit with the others, empty where all do."""
+        out = [f"{self.name}: row{'s' * (len(self.left_out) > 1)} "
+               f"{abbreviate_list([str(n) for n in self.left_out])} left out: no machine comes "
+               "near the values there; look for a value typed wrong"] if self.left_out else []
+        if not self.unlike or self.elsewhere:
+            return out
+        each = ", ".join(f"row {r.row} ({number(r.times, 2)} times the noise)"
+                         for r in self.unlike[:SHOWN])
+        more = f", and {len(self.unlike) - SHOWN} more rows" * (len(self.unlike) > SHOWN)
+        verb = "do" if len(self.unlike) > 1 else "does"
+        return [*out, f"{self.name}: {each}{more} {verb} not fit with the others, whatever the "
+                "geometry: look at the values; here they count"]
+
 
 class ValidationRecord(Record):
     """validation.json, in ``units``; ``column_units``: of validation.csv, empty for bare ones."""
@@ -152,7 +276,7 @@ class ValidationRecord(Record):
         return cls(
             format=cls.FORMAT, name=name, units=units, datasets=datasets,
             column_units=_column_units(units, datasets),
-            findings=(*findings, *misled(datasets)),
+            findings=(*findings, *(t for d in datasets for t in d.misled())),
             provenance=Provenance(**provenance))
 
     def files(self) -> dict[str, str]:
@@ -183,56 +307,6 @@ def _column_units(units: Units, datasets: Sequence[ValidatedDataset]) -> dict[st
             units.angle if name.startswith("rotation") else "" for name in _table(datasets)}
 
 
-def registered_sentence(data: ValidatedDataset) -> str:
-    """Return what the registration fitted, and what it makes least: no error in mm alone."""
-    if data.alone:
-        return (f"{data.name}: {data.rows} of {data.of_rows} rows of joint values alone: errors "
-                "are how far limbs are from closing.")
-    names = [OPENED.get(w, w) for w in data.fitted]
-    fitted = "nothing" if not names else _listed(names)
-    more = [OPENED.get(w, w) for w in data.demanded]
-    tail = f" ({_listed(more)} since the data demand it)" if more else ""
-    both = names and data.errors and data.errors[0].position and data.errors[0].rotation
-    how = ", to the least square of positions and rotations over their noise" if both else ""
-    return f"{data.name}: {data.rows} of {data.of_rows} rows; fitted: {fitted}{tail}{how}."
-
-
-def noise_sentence(data: ValidatedDataset) -> str:
-    """Return the noise that a data set is judged by with its source, empty where none is given."""
-    if data.factor is None:
-        return ""
-    size = f"{number(data.factor, 3)} times what its sidecar states" if data.noise is None else (
-        f"{number(data.noise, 3)} {data.unit}")
-    stated = "" if data.stated is None else f" (its sidecar: {number(data.stated)} {data.unit})"
-    if data.judged_by == STATED:
-        return f"Noise {size}, as its sidecar states." if data.noise is not None else ""
-    how = "as repeats scatter" if data.judged_by == REPEATS else (
-        "estimated from what a fit of that day alone leaves")
-    return f"Noise {size}, {how}{stated}."
-
-
-def model_sentence(data: ValidatedDataset) -> str:
-    """Return how well the model predicts a data set.
-
-    Rows of another assembly mode are not residuals, nor is their error the model's.
-    """
-    first = data.errors[0] if data.errors else PredictedError()
-    sizes = [_with_interval(s) for s in (first.position, first.rotation)
-             if s and s.rms is not None]
-    if data.elsewhere:
-        return (f"{data.name}: {data.elsewhere} of {data.rows} rows were measured in another "
-                "assembly mode than home's, the other way the limbs close at the same joint "
-                f"values: {' and '.join(sizes)} is how far apart these are, no error of the model.")
-    times = "" if first.noise is None or data.factor is None else (
-        f", {number(first.noise, 2)} times the noise")
-    if first.closure:
-        limbs = ", ".join(f"{name} {number(size)}" for name, size in first.limbs.items()
-                          if size is not None)
-        return (f"{data.name}: limbs are {_with_interval(first.closure)} from closing{times}; "
-                f"{limbs} {first.closure.unit} by limb.")
-    return f"{data.name}: the model misses by {' and '.join(sizes)}{times}."
-
-
 def _with_interval(size: ErrorSize) -> str:
     """Return ``0.0071 mm rms (95 %: 0.0066 to 0.0078)``."""
     between = "" if size.rms_low is None or size.rms_high is None else (
@@ -243,90 +317,6 @@ def _with_interval(size: ErrorSize) -> str:
 def effect_left_out(model: str) -> str:
     """Return the effect that a model of the file lacks, ``all effects``, or empty."""
     return model.removeprefix(WITHOUT) if model.startswith(WITHOUT) else ""
-
-
-def prediction(data: ValidatedDataset) -> str:
-    """Return how well the model predicts a data set, and what its effects are worth there."""
-    return f"{model_sentence(data)} {effects_sentence(data)}".strip()
-
-
-def basis(data: ValidatedDataset) -> str:
-    """Return which rows these are, what was fitted of them, and their noise."""
-    return f"{registered_sentence(data)} {noise_sentence(data)}".strip()
-
-
-def effects_sentence(data: ValidatedDataset) -> str:
-    """Return what the effects are worth there, empty where there is none."""
-    parts: dict[str, list[str]] = {"worse": [], "better": [], "same": []}
-    for e in data.errors:
-        if (lacks := effect_left_out(e.model)) and e.closer is not None:
-            size = "" if e.verdict == "same" else f" ({number(abs(e.closer), 2)} {e.unit})"
-            parts[e.verdict].append(lacks + size)
-    told = [f"{words} {_listed(names)}" for words, names in (
-        ("made smaller by", parts["worse"]), ("made LARGER by", parts["better"]),
-        ("no sure difference by", parts["same"])) if names]
-    return f"It is {'; '.join(told)}." if told else ""
-
-
-def _of_one_row(data: ValidatedDataset) -> str:
-    """Return that one row makes nearly all of the mean square, empty where none does."""
-    size = data.errors[0].size
-    if size is None or not size.rms or size.max is None or data.rows < FEW:
-        return ""
-    share = size.max**2 / (data.rows * size.rms**2)
-    return (f"{share:.0%} of its mean square is one row, off by {number(size.max)} {size.unit}"
-            if share > ONE_ROW else "")
-
-
-def _missed(data: ValidatedDataset) -> list[str]:
-    """Return what a model misses a data set by, if it does: what that is most likely."""
-    if data.elsewhere:
-        return [f"{data.name}: {data.elsewhere} of {data.rows} rows were measured in another "
-                "assembly mode than home's: set `home` in the machine file to a pose of theirs, or "
-                "leave them out; nothing else here is to be read as an error of the model"]
-    times = data.errors[0].noise if data.errors else None
-    if times is None or times <= MISSED:
-        return []
-    one = _of_one_row(data)
-    return [f"{data.name} does not fit the model ({number(times, 2)} times the noise): " + (
-        f"{one}, a value typed wrong perhaps: `identify` names the row" if one else
-        "another machine, or something has changed: calibrate with these rows, and "
-        "`ppmcal compare` tells what changed")]
-
-
-def _unlike(data: ValidatedDataset) -> list[str]:
-    """Return which rows do not fit with the others, empty where all do."""
-    out = [f"{data.name}: row{'s' * (len(data.left_out) > 1)} "
-           f"{abbreviate_list([str(n) for n in data.left_out])} left out: no machine comes "
-           "near the values there; look for a value typed wrong"] if data.left_out else []
-    if not data.unlike or data.elsewhere:
-        return out
-    each = ", ".join(f"row {r.row} ({number(r.times, 2)} times the noise)"
-                     for r in data.unlike[:SHOWN])
-    more = f", and {len(data.unlike) - SHOWN} more rows" * (len(data.unlike) > SHOWN)
-    verb = "do" if len(data.unlike) > 1 else "does"
-    return [*out, f"{data.name}: {each}{more} {verb} not fit with the others, whatever the "
-            "geometry: look at the values; here they count"]
-
-
-def misled(datasets: Sequence[ValidatedDataset]) -> list[str]:
-    """Return what a person must look at: a miss, effects that make it worse, better machines."""
-    out = []
-    for data in datasets:
-        out += [*_missed(data), *_unlike(data)]
-        for e in data.errors:
-            if e.verdict == "better" and e.closer is not None:
-                ends = "" if e.low is None or e.high is None else (
-                    f" (95 %: {number(e.low, 2)} to {number(e.high, 2)})")
-                size = f"by {number(abs(e.closer), 2)} {e.unit} rms{ends}"
-                what = effect_left_out(e.model)
-                verb = "make" if what == "all effects" else "makes"
-                out.append(f"{data.name}: {what} {verb} the prediction worse {size}: "
-                           "leave it out of the model, or diagnose this day too"
-                           if what else
-                           f"{data.name}: {e.model} predicts better than the model {size}: "
-                           "use it, or calibrate again")
-    return out
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -1,16 +1,87 @@
-"""The other readings of the measurements that `diagnose` wrote beside model.yaml."""
+"""What lies beside a model file: the calibration it is from, and other readings of its data."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
 
 from ppmcal.calibration.compensation import CandidateModel, Readings, probabilities
-from ppmcal.diagnosis.result import Diagnosis
-from ppmcal.errors import BadInput
+from ppmcal.calibration.interpretation import count_among
+from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.io import read_mechanism
+from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.io.results.knowledge import known_in, read_identification, tables_of
 from ppmcal.io.results.record import Finite, Part, Record, Shown, Text
+from ppmcal.io.results.units import column_factor
+from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.same_rows import KnownRows
+from ppmcal.wording import number
+
+if TYPE_CHECKING:       # few of those who ask for a model's calibration had it diagnosed
+    from ppmcal.diagnosis.result import Diagnosis
+
+ALL = "these measurements"
+APART = 3.0
+"""Standard deviations between two readings of one campaign that are not remarkable."""
+TURNED = ("direction", "axis")
+"""Slots whose identified errors are in the model file's nominal vectors already."""
+
+
+def of_other_values(record: IdentificationRecord, mechanism: Mechanism) -> str:
+    """Return the parameter that the model has elsewhere than an identification.json, in words.
+
+    Empty where all are within 3 standard deviations, or the file does not say.
+    """
+    worst, words = APART, ""
+    for entry in record.parameters:
+        if (entry.name not in mechanism.names or entry.value is None or not entry.sigma
+                or any(part in TURNED for part in entry.name.split("."))):
+            continue
+        factor = column_factor(mechanism, entry.name)
+        own = float(mechanism.values[mechanism.names.index(entry.name)]) / factor
+        apart = abs(own - entry.value) / entry.sigma
+        if np.isfinite(apart) and apart > worst:
+            unit = f" {entry.unit}" if entry.unit else ""
+            worst, words = apart, (f"{entry.name} is {number(entry.value, 9)}{unit} there, "
+                                   f"{number(own, 9)}{unit} in the model")
+    return words
+
+
+def seen_before(path: Path, inputs: Mapping[str, str], datasets: Sequence[Dataset],
+                mechanism: Mechanism) -> list[tuple[str, str]]:
+    """Return to which of ``datasets`` an identification.json was fitted: name, and how far.
+
+    By the file's content (``inputs``: SHA-256 by name), or row by row, within their digits. Empty
+    where there is no such file to read.
+    """
+    try:
+        record = read_identification(path)
+        tables, known = tables_of(record), known_in(record, mechanism)
+    except (PpmcalError, ValueError):
+        return []
+    whole = [d for d in datasets if inputs.get(d.source) in tables]
+    rest = [d for d in datasets if d not in whole]
+    return [(d.source, ALL) for d in whole] + rows_seen(rest, mechanism, known)
+
+
+def rows_seen(datasets: Sequence[Dataset], mechanism: Mechanism, known: Sequence[KnownRows]
+              ) -> list[tuple[str, str]]:
+    """Return which data sets have known rows, within their digits: name, and how many."""
+    out = []
+    for data in datasets:
+        count, more = count_among(data, mechanism.actuators, known)
+        if count:
+            least = "at least " if more else ""
+            out.append((data.source, ALL if count == len(data) else
+                        f"{least}{count} of these {len(data)} rows"))
+    return out
+
+
+# ---- the other readings that `diagnose` wrote beside model.yaml
 
 
 class OtherModel(Part):
