@@ -66,17 +66,10 @@ LONGEST = 1e5
 class ImportedPrinter(Imported):
     """A printer and its measurements.
 
-    Attributes:
-        printer: what the controller's file says, mm and degrees.
-        rods: how rods are taken: ``fixed``, ``shared`` or ``single``.
-        scale: of measured distances: ``printed``, ``known``, or ``unknown``.
-        before: errors of the written machine on each table of touches, mm, and their definition.
+    ``printer``: what the controller's file says, mm and degrees.
     """
 
     printer: Printer = field(kw_only=True)
-    rods: str = field(kw_only=True)
-    scale: str = field(kw_only=True)
-    before: Mapping[str, object] = field(kw_only=True)
 
 
 def printer_importer(read: PrinterReader) -> Callable[[Path, Mapping[str, Any]], ImportedPrinter]:
@@ -138,8 +131,7 @@ def _imported(path: Path, printer: Printer, rods: str, scale: str, choose: bool,
         "nominal": printer.nominal.geometry.named(), "nominal_from": printer.nominal.origin,
         "saved": printer.calibration.named() if printer.calibrated else None,
         "saved_off": dict(printer.off), "size": size or None, "before": dict(errors)}
-    return ImportedPrinter(texts, sentence, entries, findings, inputs, printer=printer, rods=rods,
-                           scale=scale, before=errors)
+    return ImportedPrinter(texts, sentence, entries, findings, inputs, printer=printer)
 
 
 def _rods(given: str | float | Sequence[str | float]) -> tuple[float | None, str | None]:
