@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,7 +18,6 @@ from ppmcal.report.paper import Sheet, captions, entries, sheets
 from ppmcal.store.provenance import source_of
 from ppmcal.wording import pluralize
 from ppmcal.wording.progress import stage
-from ppmcal.wording.told import Told
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -56,10 +55,6 @@ class FiguresResult(Result):
         rows = entries(self.sheets)
         heads = ["name", "kind", "group", "caption"]
         return {self.TABLE: csv_text(heads, [[r[h] for r in rows] for h in heads])}
-
-    def told(self) -> Iterator[Told]:
-        """Yield how many there are."""
-        yield self.headline()
 
     def summary(self) -> Mapping[str, Any]:
         """Return what ``--json`` prints."""

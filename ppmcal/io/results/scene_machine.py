@@ -147,10 +147,6 @@ class MachineStand:
     q: Array
     own_joints: Bools | None = None
 
-    def lost(self, mechanism: Mechanism) -> bool:
-        """Whether a machine cannot be led to the poses, since it does not reach home."""
-        return bool(home_attempt(mechanism).lost)
-
 
 def machine_frames(mechanism: Mechanism, name: str, stand: MachineStand, marked: bool
                    ) -> SceneMachine:

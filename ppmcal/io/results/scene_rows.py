@@ -49,7 +49,7 @@ class FittedRows:
 
     folder: str
     record: IdentificationRecord
-    residuals: Table | None
+    residuals: Table | None = None
 
 
 @dataclass(frozen=True)
