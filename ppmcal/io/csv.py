@@ -143,12 +143,14 @@ def whole_rows(pieces: Iterable[bytes]) -> Iterator[bytes]:
 
 
 def joined(tables: Sequence[Table]) -> Table:
-    """Return tables with the same columns as one, row under row."""
-    first = tables[0]
+    """Return tables with the same columns as one, row under row; words where one has words."""
+    first, words = tables[0], {h for t in tables for h in t.text}
     return first if len(tables) == 1 else replace(
         first, size=sum(t.size for t in tables),
-        numbers={h: np.concatenate([t.numbers[h] for t in tables]) for h in first.numbers},
-        text={h: tuple(chain.from_iterable(t.text[h] for t in tables)) for h in first.text})
+        numbers={h: np.concatenate([t.numbers[h] for t in tables]) for h in first.numbers
+                 if h not in words},
+        text={h: tuple(chain.from_iterable(t.labels(h) for t in tables))
+              for h in first.header if h in words})
 
 
 def cleaned(data: bytes, source: str) -> bytes:

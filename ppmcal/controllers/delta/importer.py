@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -32,6 +31,7 @@ from ppmcal.controllers.importing import MACHINE, Imported, machine_head, sideca
 from ppmcal.errors import BadInput, PpmcalError, unknown
 from ppmcal.io import csv_text, read_mechanism
 from ppmcal.io.column_names import LABELS
+from ppmcal.io.csv import csv_table
 from ppmcal.io.dataset_reader import dataset_of
 from ppmcal.io.results.identification_parts import summaries
 from ppmcal.io.sidecar import sidecar_of
@@ -386,11 +386,9 @@ def _datasets(texts: Mapping[str, str], mechanism: Mechanism) -> Iterator[Datase
         if not name.endswith(".csv"):
             continue
         stem = name.removesuffix(".csv")
-        header, *rows = csv.reader(text.splitlines())
-        own = [n for n, column in enumerate(header) if column not in LABELS]
-        numbers = np.array([[row[n] for n in own] for row in rows], dtype=float)
-        yield touches(mechanism, stem, [header[n] for n in own], numbers,
-                      yaml.safe_load(texts[f"{stem}.yaml"]))
+        table = csv_table(text.encode(), stem, LABELS.__contains__).without(LABELS)
+        yield dataset_of(table, sidecar_of(yaml.safe_load(texts[f"{stem}.yaml"]), mechanism), stem,
+                         mechanism)
 
 
 def touches(mechanism: Mechanism, name: str, header: Sequence[str], rows: Array,
