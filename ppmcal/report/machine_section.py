@@ -16,7 +16,7 @@ from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import group_name, own_values, together
 from ppmcal.io.results.knowledge import model_in
 from ppmcal.io.results.scene import Scene
-from ppmcal.io.results.scene_parts import QUIET, SceneEffect, SceneFrame, SceneMachine
+from ppmcal.io.results.scene_machine import QUIET, SceneEffect, SceneFrame, SceneMachine
 from ppmcal.io.results.scene_rows import POINTS, placed_rows, with_next, with_poses
 from ppmcal.linalg import Array
 from ppmcal.model.effects import GEOMETRY, effect_kinds

@@ -17,7 +17,7 @@ from ppmcal.controllers import loaded
 from ppmcal.controllers.export import UNKNOWN, Exported, Exporter, pose_uncertainty, record_of
 from ppmcal.controllers.number_intervals import with_intervals
 from ppmcal.errors import BadInput
-from ppmcal.io.csv_writer import csv_text
+from ppmcal.io.csv import csv_text
 from ppmcal.io.results.export import ExportRecord, error_size, fixed
 from ppmcal.io.results.knowledge import KNOWLEDGE
 from ppmcal.model.mechanism import Mechanism

@@ -16,14 +16,17 @@ from ppmcal.calibration.fit import Z95, Problem, unfitted
 from ppmcal.calibration.knowledge import tilt_sentences
 from ppmcal.calibration.validation import DEFINITION, before
 from ppmcal.controllers.delta.geometry import SMALLEST, TOWERS, DeltaGeometry
-from ppmcal.controllers.delta.printer import Nominal, Printer, PrinterReader, offsets
-from ppmcal.controllers.delta.six_rods import (
+from ppmcal.controllers.delta.printer import (
     JOINT,
     TILTING,
     Effector,
+    Nominal,
+    Printer,
+    PrinterReader,
     beside,
     by_probe_and_nozzle,
     effector_of,
+    offsets,
     refuse_effector,
     six_limbs,
 )

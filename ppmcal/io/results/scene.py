@@ -9,13 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal.io.results.record import Finite, Flag, Part, Text
-from ppmcal.io.results.scene_machine import MachineStand, machine_frames
-from ppmcal.io.results.scene_parts import (
+from ppmcal.io.results.scene_machine import (
+    MachineStand,
     MeasuredPose,
     Point,
     SceneEffect,
     SceneFrame,
     SceneMachine,
+    machine_frames,
 )
 from ppmcal.kinematics.closed_at_home import home_gaps
 from ppmcal.kinematics.closure import Model
