@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ppmcal.calibration.compensation import ParameterCovariance, model_sigma
-from ppmcal.controllers.pose_errors import ErrorSummary, rms, rotation_rms
+from ppmcal.controllers.pose_errors import ErrorSummary, rms, rms_entry
 from ppmcal.controllers.pose_grid import rest_columns
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io.results.export import (
@@ -44,12 +44,6 @@ class PoseUncertainty:
     reason: str = ""
     undetermined: bool = False
     before: Registration | None = None
-
-    def entry(self) -> CommandErrors:
-        """Return the entry of export.json, mm and degrees."""
-        return CommandErrors(rms=None if self.position is None else self.position * 1e3,
-                                unit="mm", frame=self.frame, reason=self.reason,
-                                **rotation_rms(self.rotation))
 
 
 UNKNOWN = PoseUncertainty(None, None, "", f"{KNOWLEDGE} is not beside the model")
@@ -254,10 +248,10 @@ class Exported:
         """
         own = self.uncertainty
         if own.position is None:
-            return CommandErrors(rms=None, unit="mm")
+            return rms_entry(None, None)
         turn = None if errors.rotation_rms is None or own.rotation is None else float(
             np.hypot(errors.rotation_rms, own.rotation))
-        return ErrorSummary(float(np.hypot(errors.rms, own.position)), np.nan, turn).rms_entry()
+        return rms_entry(float(np.hypot(errors.rms, own.position)), turn)
 
 
 class Exporter(Protocol):
@@ -295,6 +289,7 @@ def _few_lines(exported: Exported) -> tuple[str, ...]:
 
 def record_of(exported: Exported, name: str, provenance: Mapping[str, Any]) -> ExportRecord:
     """Return export.json of the machine ``name``."""
+    sure = exported.uncertainty
     return ExportRecord(
         format=ExportRecord.FORMAT, controller=exported.controller, name=name,
         units={"length": "mm", "angle": "deg"},
@@ -304,7 +299,8 @@ def record_of(exported: Exported, name: str, provenance: Mapping[str, Any]) -> E
         number_half={n.name: n.half for n in exported.numbers if n.half is not None},
         title=exported.title, summary=exported.summary, over=exported.over,
         lines=_few_lines(exported),
-        lost=exported.after.rms_entry(), model=exported.uncertainty.entry(),
+        lost=rms_entry(exported.after.rms, exported.after.rotation_rms),
+        model=rms_entry(sure.position, sure.rotation, frame=sure.frame, reason=sure.reason),
         expected_before=exported.expected(exported.before),
         expected_after=exported.expected(exported.after),
         exact=not exported.not_expressed, read_back=True,

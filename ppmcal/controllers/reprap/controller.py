@@ -38,7 +38,7 @@ import numpy as np
 from ppmcal.controllers.delta import geometry as delta_geometry
 from ppmcal.controllers.delta.firmware import DeltaFirmware, DeltaFit, patched_lines
 from ppmcal.controllers.delta.fit import export_delta
-from ppmcal.controllers.delta.gcode import DIGITS, Lines, parse_lines, two_lines, words
+from ppmcal.controllers.delta.gcode import DIGITS, Lines, line_readers, two_lines, words
 from ppmcal.controllers.delta.geometry import MM, DeltaGeometry, Triple, triple
 from ppmcal.controllers.delta.importer import printer_importer
 from ppmcal.controllers.delta.printer import Mesh, Printer, in_rows, mesh_of, stated_nominal
@@ -77,18 +77,7 @@ class Delta(Rounded, digits=DIGITS):
     bed: float | None = None
 
 
-def read_lines(path: Path) -> Lines:
-    """Return what a ``config.g`` or ``config-override.g`` says of the delta.
-
-    Raises:
-        BadInput: not a text file, or an M665 or M666 that cannot be read.
-    """
-    return parse(read_text(path, "Give the config.g of a printer"), str(path))
-
-
-def parse(text: str, source: str) -> Lines:
-    """Return what ``text`` says of the delta; later lines win, letter by letter."""
-    return parse_lines(text, source, LETTERS)
+read_lines, parse = line_readers(LETTERS, "Give the config.g of a printer")
 
 
 def read_delta(lines: Lines) -> Delta:
