@@ -125,13 +125,13 @@ def campaign(job: tuple[int, int, int]) -> list[Held]:
             return []
         model = folder / "found" / "identified.yaml"
         found, true = read_mechanism(model), machine.with_values(made.campaign.g)
-        return [_held(case, form, found, true, model) for form in CASES[case].formats]
+        return [_held(case, form, found, true) for form in CASES[case].formats]
 
 
-def _held(case: int, form: str, found: Any, true: Any, model: Path) -> Held:
+def _held(case: int, form: str, found: Any, true: Any) -> Held:
     writer = loaded(form)
     truth = {n.name: n.new for n in writer.export(true, None, None).numbers}
-    numbers = [n for n in with_intervals(found, writer.export(found, None, None), model) if n.half]
+    numbers = [n for n in with_intervals(found, writer.export(found, None, None)) if n.half]
     held = sum(abs(n.new - truth[n.name]) <= n.half for n in numbers)
     return Held(case, form, held, len(numbers))
 

@@ -18,7 +18,7 @@ from ppmcal.io import read_campaign, read_mechanism
 from ppmcal.io.campaign import datasets_in, joined
 from ppmcal.io.dataset_reader import may_be_words, read_files
 from ppmcal.io.header import ReadFile
-from ppmcal.io.results.knowledge import KNOWLEDGE, read_basis
+from ppmcal.io.results.knowledge import KNOWLEDGE, MODELS, model_in, read_basis
 from ppmcal.io.sidecar import read_sidecar, sidecar_of, sidecar_path
 from ppmcal.io.tables import as_table, is_path, read_table
 from ppmcal.io.templates import find_template
@@ -37,10 +37,6 @@ from ppmcal.wording import abbreviate_list
 
 Machine = Mechanism | Path_ | Mapping[str, Any]
 """A mechanism, the path of its file, or what such a file holds."""
-
-
-MODELS = ("model.yaml", "identified.yaml")
-"""Files of a folder that a calibration wrote, the one with effects first."""
 
 
 def shipped(kind: str, scenario: bool = False) -> Path:
@@ -89,11 +85,10 @@ def _model_file(path: Path) -> Path:
     if not path.is_dir():
         return path
     recover(path)
-    for name in MODELS:
-        if (path / name).is_file():
-            return path / name
-    raise BadInput("holds no calibrated machine", str(path),
-                   f"Give a folder with {' or '.join(MODELS)}, or a mechanism file")
+    if (found := model_in(path)) is None:
+        raise BadInput("holds no calibrated machine", str(path),
+                       f"Give a folder with {' or '.join(MODELS)}, or a mechanism file")
+    return found
 
 
 def read_data(mechanism: Machine, *sources: Any, sidecar: Mapping[str, Any] | Path_ | None = None,

@@ -10,16 +10,16 @@ from typing import Any, Protocol
 import numpy as np
 
 from ppmcal.calibration.compensation import ParameterCovariance, model_sigma
-from ppmcal.controllers.pose_errors import ErrorSummary, rms, rotation_rms
+from ppmcal.controllers.pose_errors import ErrorSummary, rms, rms_entry
 from ppmcal.controllers.pose_grid import rest_columns
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.io.results.beside_model import of_other_values
+from ppmcal.io.results.beside_model import calibration_of
 from ppmcal.io.results.export import (
     CommandErrors,
     ExportRecord,
     NotExpressedEntry,
 )
-from ppmcal.io.results.knowledge import KNOWLEDGE, knowledge_of, read_identification
+from ppmcal.io.results.knowledge import KNOWLEDGE, knowledge_of
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Effect, Mechanism
 from ppmcal.model.registration import Registration
@@ -45,19 +45,13 @@ class PoseUncertainty:
     undetermined: bool = False
     before: Registration | None = None
 
-    def entry(self) -> CommandErrors:
-        """Return the entry of export.json, mm and degrees."""
-        return CommandErrors(rms=None if self.position is None else self.position * 1e3,
-                                unit="mm", frame=self.frame, reason=self.reason,
-                                **rotation_rms(self.rotation))
-
 
 UNKNOWN = PoseUncertainty(None, None, "", f"{KNOWLEDGE} is not beside the model")
 
 
 @stage("how sure the model is")
-def pose_uncertainty(mechanism: Mechanism, poses: Array | None, model: Path) -> PoseUncertainty:
-    """Return how well the file ``model`` is known at platform poses (N, 6), base frame.
+def pose_uncertainty(mechanism: Mechanism, poses: Array | None) -> PoseUncertainty:
+    """Return how well a machine is known at platform poses (N, 6), base frame.
 
     In a measuring frame where there is one, of several in that in which it is known best: in base
     axes frame and offsets can stand in for each other. A measuring frame that is the base's is
@@ -66,12 +60,11 @@ def pose_uncertainty(mechanism: Mechanism, poses: Array | None, model: Path) -> 
     Raises:
         BadInput: the identification.json beside the model cannot be used.
     """
-    path = model.with_name(KNOWLEDGE)
-    if poses is None or mechanism.source not in mechanism.inputs or not path.exists():
+    own = calibration_of(mechanism)
+    if poses is None or own is None:
         return UNKNOWN
-    record = read_identification(path)
+    record, path, other = own
     knowledge = knowledge_of(record, mechanism, path)
-    other = of_other_values(record, mechanism)
     if other:
         return PoseUncertainty(None, None, "base", f"{path.name} is not of this model ({other})")
     known = [_known_in(name, mechanism, poses, knowledge) for name in _frames(mechanism)]
@@ -248,17 +241,17 @@ class Exported:
                        before=self.before.seen(stands, own.before),
                        after=self.after.seen(stands, stands))
 
-    def expected(self, errors: ErrorSummary) -> ErrorSummary | None:
+    def expected(self, errors: ErrorSummary) -> CommandErrors:
         """Return the error to expect with ``before`` or ``after``: what the model lacks is in both.
 
-        None: unknown.
+        As an entry of export.json, without a size where that is unknown.
         """
         own = self.uncertainty
         if own.position is None:
-            return None
+            return rms_entry(None, None)
         turn = None if errors.rotation_rms is None or own.rotation is None else float(
             np.hypot(errors.rotation_rms, own.rotation))
-        return ErrorSummary(float(np.hypot(errors.rms, own.position)), np.nan, turn)
+        return rms_entry(float(np.hypot(errors.rms, own.position)), turn)
 
 
 class Exporter(Protocol):
@@ -296,8 +289,7 @@ def _few_lines(exported: Exported) -> tuple[str, ...]:
 
 def record_of(exported: Exported, name: str, provenance: Mapping[str, Any]) -> ExportRecord:
     """Return export.json of the machine ``name``."""
-    before, after = (CommandErrors(rms=None, unit="mm") if e is None else e.rms_entry() for e in (
-        exported.expected(exported.before), exported.expected(exported.after)))
+    sure = exported.uncertainty
     return ExportRecord(
         format=ExportRecord.FORMAT, controller=exported.controller, name=name,
         units={"length": "mm", "angle": "deg"},
@@ -307,8 +299,10 @@ def record_of(exported: Exported, name: str, provenance: Mapping[str, Any]) -> E
         number_half={n.name: n.half for n in exported.numbers if n.half is not None},
         title=exported.title, summary=exported.summary, over=exported.over,
         lines=_few_lines(exported),
-        lost=exported.after.rms_entry(), model=exported.uncertainty.entry(),
-        expected_before=before, expected_after=after,
+        lost=rms_entry(exported.after.rms, exported.after.rotation_rms),
+        model=rms_entry(sure.position, sure.rotation, frame=sure.frame, reason=sure.reason),
+        expected_before=exported.expected(exported.before),
+        expected_after=exported.expected(exported.after),
         exact=not exported.not_expressed, read_back=True,
         before=exported.before.entry(), after=exported.after.entry(),
         not_expressed=tuple(

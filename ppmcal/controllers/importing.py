@@ -46,30 +46,18 @@ class Imported:
     """What a controller's files say of a machine.
 
     Attributes:
-        texts: file name -> text: :data:`MACHINE`, tables of measurements and their sidecars.
-        sentence: what the files hold.
+        files: name -> text: :data:`MACHINE`, tables of measurements and their sidecars.
+        headline: what the files hold.
         entries: what ``--json`` prints of it.
         findings: what the user must look at.
         inputs: other files that were read.
     """
 
-    texts: Mapping[str, str]
-    sentence: str
+    files: Mapping[str, str]
+    headline: str
     entries: Mapping[str, object]
     findings: tuple[str, ...] = ()
     inputs: tuple[str, ...] = ()
-
-    def files(self) -> Mapping[str, str]:
-        """Return file name -> text."""
-        return self.texts
-
-    def headline(self) -> str:
-        """Return what the files hold."""
-        return self.sentence
-
-    def summary(self) -> Mapping[str, object]:
-        """Return what ``--json`` prints of it."""
-        return self.entries
 
 
 class Importer(Protocol):

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,9 +22,9 @@ from scipy.optimize import least_squares
 
 from ppmcal.calibration.fit import Z95
 from ppmcal.controllers.export import Again, Exported, Number
-from ppmcal.io.results.beside_model import of_other_values
+from ppmcal.io.results.beside_model import calibration_of
 from ppmcal.io.results.identification import IdentificationRecord
-from ppmcal.io.results.knowledge import KNOWLEDGE, knowledge_of, read_identification
+from ppmcal.io.results.knowledge import knowledge_of
 from ppmcal.io.results.units import column_factor
 from ppmcal.linalg import Array, guarded, pinv
 from ppmcal.model.mechanism import Mechanism
@@ -38,21 +37,19 @@ ALIKE = 1e-9
 
 
 @stage("how sure the numbers are")
-def with_intervals(mechanism: Mechanism, made: Exported, model: Path) -> tuple[Number, ...]:
+def with_intervals(mechanism: Mechanism, made: Exported) -> tuple[Number, ...]:
     """Return the numbers of an export, each with half of its 95 % interval.
 
-    Without one where no identification of the file ``model`` lies beside it, where the export does
+    Without one where no identification of the machine lies beside its file, where the export does
     not say how its numbers follow the parameters, or where a number follows what nothing bounds.
 
     Raises:
         BadInput: the identification.json beside the model cannot be used.
     """
-    path = model.with_name(KNOWLEDGE)
-    if made.again is None or mechanism.source not in mechanism.inputs or not path.exists():
+    own = calibration_of(mechanism)
+    if made.again is None or own is None or own[2]:
         return made.numbers
-    record = read_identification(path)
-    if of_other_values(record, mechanism):
-        return made.numbers
+    record, path, _ = own
     known = knowledge_of(record, mechanism, path)
     places = [c for c, name in enumerate(known.names) if name in mechanism.names]
     names = [known.names[c] for c in places]

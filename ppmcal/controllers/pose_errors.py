@@ -69,19 +69,16 @@ class ErrorSummary:
                      "shift": tuple(v / MM for v in self.removed.shift)}
         return CommandErrors(rms=self.rms * 1e3, max=self.max * 1e3, unit="mm", **more)
 
-    def rms_entry(self) -> CommandErrors:
-        """Return the same with nothing but the root mean squares."""
-        return CommandErrors(rms=self.rms * 1e3, unit="mm", **rotation_rms(self.rotation_rms))
-
     def words(self) -> str:
         """Return ``0.0123 mm rms, 0.0456 mm at most``, and the rotation."""
         return self.entry().words()
 
 
-def rotation_rms(value: float | None) -> dict[str, Any]:
-    """Return the key ``rotation`` of an rms error, rad, nothing where there is none."""
-    return {} if value is None else {
-        "rotation": ErrorSize(rms=float(np.degrees(value)), unit="deg")}
+def rms_entry(position: float | None, rotation: float | None, **more: Any) -> CommandErrors:
+    """Return root mean squares, m and rad, as an entry of export.json; rotation if there is one."""
+    if rotation is not None:
+        more["rotation"] = ErrorSize(rms=float(np.degrees(rotation)), unit="deg")
+    return CommandErrors(rms=None if position is None else position * 1e3, unit="mm", **more)
 
 
 def pose_errors(mechanism: Mechanism, real: Array, wanted: Array) -> ErrorSummary:

@@ -13,7 +13,7 @@ from ppmcal.lazy import on_first_use
 
 if TYPE_CHECKING:
     from ppmcal.io.campaign import read_campaign as read_campaign
-    from ppmcal.io.csv_writer import csv_text as csv_text
+    from ppmcal.io.csv import csv_text as csv_text
     from ppmcal.io.dataset_reader import read_dataset as read_dataset
     from ppmcal.io.mechanism_reader import read_mechanism as read_mechanism
     from ppmcal.io.mechanism_writer import write_mechanism as write_mechanism

@@ -1,4 +1,4 @@
-"""CSV tables: what a file must be, its header, and its rows as columns.
+"""CSV tables: what a file must be, its header, and its rows as columns; and how they are written.
 
 Columns may be separated by commas, semicolons or tabs; see :mod:`ppmcal.io.csv_dialect`. Rows
 count from 1, without the header and without blank lines; :mod:`ppmcal.io.csv_body` reads them.
@@ -11,6 +11,7 @@ import logging
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,9 @@ from ppmcal.io.csv_body import Body, Cells
 from ppmcal.io.csv_dialect import PLAIN, Dialect, declared, separator_of
 from ppmcal.limits import TABLE_COLUMNS, refuse_long_lines, refuse_shape
 from ppmcal.linalg import Array, Bools
+from ppmcal.store.output import LongText
 from ppmcal.wording import pluralize, row_list
+from ppmcal.wording.progress import note
 
 log = logging.getLogger(__package__)
 SHOWN = 24
@@ -143,12 +146,14 @@ def whole_rows(pieces: Iterable[bytes]) -> Iterator[bytes]:
 
 
 def joined(tables: Sequence[Table]) -> Table:
-    """Return tables with the same columns as one, row under row."""
-    first = tables[0]
+    """Return tables with the same columns as one, row under row; words where one has words."""
+    first, words = tables[0], {h for t in tables for h in t.text}
     return first if len(tables) == 1 else replace(
         first, size=sum(t.size for t in tables),
-        numbers={h: np.concatenate([t.numbers[h] for t in tables]) for h in first.numbers},
-        text={h: tuple(chain.from_iterable(t.text[h] for t in tables)) for h in first.text})
+        numbers={h: np.concatenate([t.numbers[h] for t in tables]) for h in first.numbers
+                 if h not in words},
+        text={h: tuple(chain.from_iterable(t.labels(h) for t in tables))
+              for h in first.header if h in words})
 
 
 def cleaned(data: bytes, source: str) -> bytes:
@@ -227,3 +232,77 @@ def refuse_absurd(numbers: Mapping[str, Array], source: str, largest: float = LA
             raise BadInput(what,
                            f"{source}: row {row + 1}, column {name}",
                            "Correct the cell, or leave it empty if it was not measured")
+
+
+# ---- tables that are written: line by line, so that a long one is never held whole
+
+
+CHUNK = 20_000
+
+
+def csv_text(header: Sequence[str], columns: Sequence[Any]) -> str:
+    """Return a CSV, as :func:`csv_lines`, whole."""
+    return str(csv_lines(header, columns))
+
+
+def csv_lines(header: Sequence[str], columns: Sequence[Any],
+              over: Sequence[float | None] | None = None) -> LongText:
+    """Return a CSV with 17 significant digits.
+
+    ``columns``: sequences or arrays (N,) of floats, integers, booleans or words (None is an empty
+    cell); ``over``: what a column's numbers are divided by as they are written, None: nothing.
+    """
+    units = over or [None] * len(columns)
+    arrays = [_printable(c if unit is None else np.asarray(c, dtype=float))
+              for c, unit in zip(columns, units, strict=True)]
+    if len(arrays) != len(header):
+        raise ValueError(f"{len(header)} names for {len(arrays)} columns")
+    sizes = {len(a) for _, a in arrays}
+    if len(sizes) > 1:
+        raise ValueError(f"columns of different lengths: {sorted(sizes)}")
+    size = sizes.pop() if sizes else 0
+    line = ",".join(form for form, _ in arrays) + "\n"
+    plain = bool(arrays) and all(form == "%.17g" for form, _ in arrays)
+
+    def parts() -> Iterator[str]:
+        yield ",".join(_cell(h) for h in header) + "\n"
+        for start in range(0, size, CHUNK):
+            if start:
+                note(f"row {start} of {size}")
+            own = [a[start:start + CHUNK] if unit is None else a[start:start + CHUNK] / unit
+                   for (_, a), unit in zip(arrays, units, strict=True)]
+            if plain:
+                cells = np.column_stack(own).ravel().tolist()
+            else:
+                lists = [a.tolist() if form != "%s" else [_cell(v) for v in a]
+                         for (form, _), a in zip(arrays, own, strict=True)]
+                cells = [c for row in zip(*lists, strict=True) for c in row]
+            yield (line * len(own[0])) % tuple(cells)
+
+    return LongText(parts)
+
+
+def _printable(values: Any) -> tuple[str, Any]:
+    """Return the format of a column and the column as an array (N,)."""
+    array = np.asarray(values)
+    if array.ndim != 1:
+        array = np.array(list(values), dtype=object)
+    if array.dtype.kind == "f":
+        return "%.17g", array
+    if array.dtype.kind in "iu":
+        return "%d", array
+    return "%s", array if array.dtype == object else array.astype(object)
+
+
+def _cell(value: object) -> str:
+    """Return one cell of text, quoted where it must be."""
+    if value is None:
+        return ""
+    if isinstance(value, bool | np.bool_):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        return f"{value:.17g}"
+    text = str(value)
+    if any(c in text for c in ',"\n\r'):
+        return '"' + text.replace('"', '""') + '"'
+    return text

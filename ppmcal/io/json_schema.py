@@ -16,11 +16,10 @@ from ppmcal.io.effects import EffectFile, limb_entries
 from ppmcal.io.frame_definitions import POINTS
 from ppmcal.io.limb_reader import NO_DRIVE
 from ppmcal.io.mechanism_blocks import PARTS, TRANSLATIONS, joint_names, parts_of
-from ppmcal.io.mechanism_schema import MechanismFile
+from ppmcal.io.mechanism_schema import DirectionFile, MechanismFile, SlotFile, SlotGroup, groups
 from ppmcal.io.pose_fields import PoseFile
 from ppmcal.io.scenario_schema import ScenarioFile
 from ppmcal.io.sidecar import SidecarFile
-from ppmcal.io.slots import DirectionFile, SlotFile, SlotGroup, groups
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.instruments import instruments
 from ppmcal.model.limbs import LimbKind, kinds

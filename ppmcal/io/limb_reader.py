@@ -16,10 +16,17 @@ import numpy as np
 from ppmcal.errors import BadInput, refuse_unknown, unknown
 from ppmcal.io.directions import square, to_nominal, unit
 from ppmcal.io.effects import limb_entries
-from ppmcal.io.mechanism_schema import word
+from ppmcal.io.mechanism_schema import (
+    DirectionFile,
+    SlotFile,
+    SlotGroup,
+    absent_axes,
+    groups,
+    point_parts,
+    word,
+)
 from ppmcal.io.parameter_reader import Draft, SlotEntry
 from ppmcal.io.schema import check, show, times
-from ppmcal.io.slots import DirectionFile, SlotFile, SlotGroup, absent_axes, groups, point_parts
 from ppmcal.linalg import Array
 from ppmcal.model.limbs import LimbKind, find_kind, kinds
 from ppmcal.model.limbs.chain import SlotSpec

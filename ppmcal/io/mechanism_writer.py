@@ -12,9 +12,8 @@ from ppmcal.io.directions import rotation
 from ppmcal.io.effects import effects_tree
 from ppmcal.io.limb_reader import NO_DRIVE
 from ppmcal.io.mechanism_blocks import gaps_tree, measurement_tree, stiffness_trees
-from ppmcal.io.mechanism_schema import FORMAT
+from ppmcal.io.mechanism_schema import FORMAT, SlotGroup, groups
 from ppmcal.io.pose_fields import pose_to_map
-from ppmcal.io.slots import SlotGroup, groups
 from ppmcal.io.yaml import dump_yaml
 from ppmcal.model.limbs.chain import SlotSpec
 from ppmcal.model.mechanism import Limb, Mechanism

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 
 from ppmcal.errors import BadInput
+from ppmcal.io.mechanism_schema import SlotFile
 from ppmcal.io.schema import did_you_mean
-from ppmcal.io.slots import SlotFile
 from ppmcal.linalg import Array
 from ppmcal.model.limbs import LimbKind
 from ppmcal.model.limbs.chain import SlotSpec

@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import measurement_columns as cols
@@ -36,19 +35,15 @@ class PoseTable(NamedTuple):
     """Poses of a CSV.
 
     Attributes:
-        rows: row numbers, from 1, (N,).
         poses: (N, 6) x, y, z, rx, ry, rz in SI; nan where left empty (to be solved for), 0
             for coordinates that the machine does not have.
         extra: all other columns as the file has them: (N,) numbers, or a tuple of words.
-        header: all column names, in file order.
         environment: those of the other columns that effects may depend on, in SI.
         given: header and columns as they stand, to be repeated in outputs.
     """
 
-    rows: NDArray[np.int64]
     poses: Array
     extra: Mapping[str, Any]
-    header: tuple[str, ...]
     environment: Mapping[str, Array]
     given: Given
 
@@ -56,10 +51,7 @@ class PoseTable(NamedTuple):
 class JointTable(NamedTuple):
     """Joint values of a CSV: ``q`` (N, k) in SI, nan where empty; the rest as PoseTable."""
 
-    rows: NDArray[np.int64]
     q: Array
-    extra: Mapping[str, Any]
-    header: tuple[str, ...]
     environment: Mapping[str, Array]
     given: Given
 
@@ -101,7 +93,8 @@ def read_poses(source: Tabular, mechanism: Mechanism, rotation: str = "rotvec",
                        f"{', '.join(table.header[:8])}")
     poses = cols.poses(table, mechanism, mechanism.units)
     _enough_columns(table, own, mechanism)
-    return PoseTable(poses=poses, given=given, **_beside(table, own, mechanism))
+    extra = {c: cells for c, cells in zip(*_as_given(table), strict=True) if c not in own}
+    return PoseTable(poses, extra, _conditions(table, mechanism), given)
 
 
 def _with_assumed(table: Table, mechanism: Mechanism, assume: Mapping[str, float]) -> Table:
@@ -149,9 +142,8 @@ def read_joints(source: Tabular, mechanism: Mechanism) -> JointTable:
         raise BadInput(f"there is no column {', '.join(missing)}", f"{table.source}: header",
                        f"Give one column for each actuator: {', '.join(names)}."
                        f"{did_you_mean(missing[0], [h for h in table.header if h not in names])}")
-    units = mechanism.units
-    q = stacked(table, names) * mechanism.joint_factors(units)
-    return JointTable(q=q, given=_as_given(table), **_beside(table, names, mechanism))
+    q = stacked(table, names) * mechanism.joint_factors()
+    return JointTable(q, _conditions(table, mechanism), _as_given(table))
 
 
 def _table(source: Tabular, mechanism: Mechanism, names: Sequence[str], what: str,
@@ -167,13 +159,9 @@ def _table(source: Tabular, mechanism: Mechanism, names: Sequence[str], what: st
                         lambda name: name in known or name.startswith("temperature_"))
 
 
-def _beside(table: Table, own: Sequence[str], mechanism: Mechanism) -> dict[str, Any]:
-    """Return what tables of poses and of joints, the columns ``own``, have beside these."""
-    cells = dict(zip(*_as_given(table), strict=True))
-    return {"rows": np.arange(1, len(table) + 1, dtype=np.int64), "header": table.header,
-            "extra": {c: values for c, values in cells.items() if c not in own},
-            "environment": further_columns(table, mechanism,
-                                           mechanism.joint_factors(mechanism.units))}
+def _conditions(table: Table, mechanism: Mechanism) -> dict[str, Array]:
+    """Return the columns that effects may depend on, SI."""
+    return further_columns(table, mechanism, mechanism.joint_factors())
 
 
 def twists(extra: Mapping[str, Any], mechanism: Mechanism) -> Array | None:

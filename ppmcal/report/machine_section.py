@@ -14,9 +14,10 @@ from ppmcal.errors import PpmcalError
 from ppmcal.io import read_mechanism
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import group_name, own_values, together
+from ppmcal.io.results.knowledge import model_in
 from ppmcal.io.results.scene import Scene
-from ppmcal.io.results.scene_parts import QUIET, SceneEffect, SceneFrame, SceneMachine
-from ppmcal.io.results.scene_rows import POINTS, FittedRows, placed_rows, with_next, with_poses
+from ppmcal.io.results.scene_machine import QUIET, SceneEffect, SceneFrame, SceneMachine
+from ppmcal.io.results.scene_rows import POINTS, placed_rows, with_next, with_poses
 from ppmcal.linalg import Array
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.instruments import number_names
@@ -144,7 +145,7 @@ GAP = np.full((1, 3), np.nan)
 
 def machine_drawings(one: Identified) -> list[Drawing]:
     """Return the machine in its plane or from two sides, nothing where the folder holds none."""
-    path = machine_file(one)
+    path = model_in(Path(one.folder))
     if path is None:
         return []
     scene = Scene.of(read_mechanism(path), present="identified")
@@ -219,8 +220,6 @@ def _wider(axis: Axis, times: float) -> Axis:
     return Axis(middle - half, middle + half)
 
 
-MODELS = ("model.yaml", "identified.yaml")
-"""Files that hold the machine of a folder, the one with effects first."""
 POSES, FEWEST, BUDGET = 60, 12, 120
 """So many measured poses are drawn at most and at least; so many on a page of several machines."""
 
@@ -238,7 +237,7 @@ def machine_section(one: Identified, index: int, diagnosed: Sequence[Diagnosed] 
         diagnosed: diagnoses of the page; that of the same folder names the effects.
         machines: how many are drawn on the page, so that it does not grow with them.
     """
-    path = machine_file(one)
+    path = model_in(Path(one.folder))
     if path is None:
         return ""
     try:
@@ -251,16 +250,11 @@ def machine_section(one: Identified, index: int, diagnosed: Sequence[Diagnosed] 
     return scene_html(scene, index)
 
 
-def machine_file(one: Identified) -> Path | None:
-    """Return the file of an identification's machine, None where its folder holds none."""
-    return next((p for p in (Path(one.folder) / m for m in MODELS) if p.is_file()), None)
-
-
 def machine_scene(one: Identified, index: int, mechanism: Mechanism,
                   record: DiagnosisRecord | None = None, machines: int = 1) -> Scene:
     """Return the scene of an identification; see :func:`machine_section`."""
     most = max(POINTS // max(machines // 2, 1), POINTS // 8)
-    rows = placed_rows(FittedRows(one.folder, one.record, one.residuals), index, mechanism, most)
+    rows = placed_rows(one, index, mechanism, most)
     count = max(FEWEST, min(POSES, BUDGET // max(machines, 1)))
     points, poses = with_poses(mechanism, rows, count)
     notes = list(rows.notes)

@@ -12,9 +12,9 @@ from ppmcal.io.csv import Table
 from ppmcal.io.results.commands import CommandsRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.export import ExportRecord
-from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.plan import PlanRecord
 from ppmcal.io.results.record import Record
+from ppmcal.io.results.scene_rows import FittedRows
 from ppmcal.io.results.sensitivity import SensitivityRecord
 from ppmcal.io.results.simulation import ComparedMachines, TruthRecord
 from ppmcal.io.results.stiffness import StiffnessRecord
@@ -61,13 +61,11 @@ class MeasuredRows:
 
 
 @dataclass(frozen=True)
-class Identified:
+class Identified(FittedRows):
     """Output of ``identify`` (or the fit behind ``diagnose``).
 
     Attributes:
-        folder: where it was found.
         record: identification.json, with the parameters of parameters.csv where it has none.
-        residuals: residuals.csv.
         positions: measured x, y (N, 2) of the residual rows, nan where unknown; None where
             no measurement file with the right check sum was at hand.
         diagnosed: whether it is the fit behind a diagnosis in the same folder.
@@ -75,9 +73,6 @@ class Identified:
         measured: the residual rows in their own files; None where these are not at hand.
     """
 
-    folder: str
-    record: IdentificationRecord
-    residuals: Table | None = None
     positions: Array | None = None
     diagnosed: bool = False
     next: Table | None = None

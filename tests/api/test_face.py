@@ -6,7 +6,6 @@ import json
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -322,4 +321,4 @@ def test_nothing_lies_beside_a_machine_in_memory(tmp_path, monkeypatch):
     found = ppmcal.compensate(machine, {"x": [500.0], "y": [290.0], "rz": [10.0]}, frame="base")
     assert found.knowledge is None and not found.provenance["inputs"]
     stage = ppmcal.load(machine)
-    assert pose_uncertainty(stage, np.zeros((1, 6)), Path(stage.source)) == UNKNOWN
+    assert pose_uncertainty(stage, np.zeros((1, 6))) == UNKNOWN

@@ -68,7 +68,7 @@ def test_json_lines_are_sets_of_samples(tmp_path):
     path = tmp_path / "samples.jsonl"
     path.write_text("".join(json.dumps(one) + "\n" for one in sets))
     found = import_config("hangprinter", path)
-    assert found.imported.summary()["runs"] == [20, 12, 8]
+    assert found.imported.entries["runs"] == [20, 12, 8]
     assert "40 samples of 4 lines, 32 of them at measured places" in found.headline()
     assert not found.findings
     files = found.files()

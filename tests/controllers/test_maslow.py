@@ -61,7 +61,7 @@ def test_heights_of_anchors_are_taken_from_the_keys_and_written_back(tmp_path):
     path = log(tmp_path, clbm([belts(p) for p in places(20)]),
                *(f"$/Maslow_{b}Z={h}" for b, h in HIGH.items()))
     found = import_config("maslow", path)
-    assert found.imported.summary()["heights"] == HIGH
+    assert found.imported.entries["heights"] == HIGH
     found.save(tmp_path / "o")
     fit = identify(tmp_path / "o" / "machine.yaml", tmp_path / "o" / "measurements.csv")
     np.testing.assert_allclose(fit.mechanism.values[list(fit.mechanism.free)],
@@ -102,7 +102,7 @@ def test_every_run_is_a_file_and_their_fit_is_the_frame(tmp_path):
     assert sorted(found.files()) == ["machine.yaml", "run_1.csv", "run_1.yaml", "run_2.csv",
                                      "run_2.yaml"]
     assert "35 readings of its belts in 2 runs" in found.headline()
-    assert found.imported.summary()["lines"] == ["line 2", "lines 5 to 19"]
+    assert found.imported.entries["lines"] == ["line 2", "lines 5 to 19"]
     assert not found.findings
     found.save(tmp_path / "o")
     assert "lines 5 to 19 of maslow.log" in (tmp_path / "o" / "run_2.yaml").read_text()
@@ -162,7 +162,7 @@ def test_where_anchors_about_are(tmp_path):
     def nominal(path, **options):
         found = import_config("maslow", path, **options)
         tree = yaml.safe_load(found.files()["machine.yaml"])
-        return found.imported.summary()["anchors"], tree["tolerances"]["point"], found.headline()
+        return found.imported.entries["anchors"], tree["tolerances"]["point"], found.headline()
 
     at, wide, said = nominal(log(tmp_path, *rows))
     np.testing.assert_allclose(at["tr"], TRUE["tr"], atol=20.0)
@@ -372,5 +372,5 @@ def test_all_runs_of_the_owner_are_read():
         assert len(list(csv.reader(stream))) > 5
     for path in sorted(DATA.glob("*-??.csv")):
         found = import_config("maslow", path)
-        assert found.imported.summary()["runs"] == [len(path.read_text().splitlines()) - 1]
+        assert found.imported.entries["runs"] == [len(path.read_text().splitlines()) - 1]
         assert not found.findings, path

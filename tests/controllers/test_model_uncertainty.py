@@ -104,7 +104,7 @@ def test_targets_of_one_body_are_in_one_frame(model: Path) -> None:
     poses = loaded("grid").export(mechanism, None, None).poses
     (name, registration), = mechanism.registrations.items()
     two = replace(mechanism, registrations={name: registration, "other": registration})
-    own, both = (pose_uncertainty(m, poses, model) for m in (mechanism, two))
+    own, both = (pose_uncertainty(m, poses) for m in (mechanism, two))
     assert (own.frame, both.frame) == (name, name)
     assert own.position == both.position is not None
 

@@ -46,7 +46,7 @@ def known(model: Path, form: str) -> tuple[Mechanism, Exported]:
     """Return the machine, and its export with intervals."""
     machine = read_mechanism(model)
     made = loaded(form).export(machine, None, None)
-    return machine, replace(made, numbers=with_intervals(machine, made, model))
+    return machine, replace(made, numbers=with_intervals(machine, made))
 
 
 @pytest.mark.slow

@@ -113,7 +113,7 @@ def test_before_is_what_identify_says_of_the_same_files(tmp_path: Path) -> None:
 def test_a_printer_without_touches_has_no_before(tmp_path: Path) -> None:
     text = config(REAL).split("#*# [delta_calibrate]")[0]
     found = import_config("klipper", written(tmp_path, text))
-    assert found.imported.before == {} and "Before" not in found.headline()
+    assert found.imported.entries["before"] == {} and "Before" not in found.headline()
 
 
 def test_numbers_that_were_edited_by_hand_are_named_with_how_much(tmp_path: Path) -> None:
@@ -137,13 +137,15 @@ def test_rods_of_which_only_a_result_is_known_are_wide_and_asked_for(tmp_path: P
     found = import_config("klipper", path)
     assert found.imported.printer.nominal.geometry.arms == pytest.approx((300.2,) * 3)
     assert found.imported.printer.nominal.rods == 2.0
-    assert found.imported.rods == "shared" and found.imported.scale == "printed"
+    said = found.imported.entries
+    assert said["rods"] == "shared" and said["scale"] == "printed"
     assert any("--rods LENGTH" in f for f in found.findings)
     assert not any("shrunk" in f for f in found.findings)
     assert any("shrunk" in f for f in import_config("klipper", path, scale="known").findings)
     given = import_config("klipper", path, rods=(300, "single"))
     assert given.imported.printer.nominal.geometry.arms == (300.0,) * 3
-    assert (given.imported.rods, given.imported.scale) == ("single", "printed")
+    said = given.imported.entries
+    assert (said["rods"], said["scale"]) == ("single", "printed")
     assert given.imported.printer.nominal.rods == 0.3
     assert not any("nominal length" in f for f in given.findings)
 
@@ -186,7 +188,7 @@ def test_a_rod_on_a_drawing_does_not_outweigh_a_caliper(tmp_path: Path) -> None:
     real = DeltaGeometry(140.5, REAL.angles, (304.0,) * 3, REAL.endstops)
     found = import_config("klipper", written(tmp_path, config(real, real, pairs=0.995,
                                                               noise=0.01)))
-    assert found.imported.scale == "printed"
+    assert found.imported.entries["scale"] == "printed"
     assert found.imported.printer.nominal.geometry.arms == (300.0,) * 3
     rods, away = re.search(r"the rods are ([\d.]+) mm; if the rods are 300 mm, the distances read "
                            r"([\d.]+) % too long", found.headline()).groups()
@@ -202,7 +204,8 @@ def test_a_rod_on_a_drawing_does_not_outweigh_a_caliper(tmp_path: Path) -> None:
     assert "With doubts" in text and "rods and the scale of distances" in text
     # rods that somebody measured are better known than the part
     stated = import_config("klipper", tmp_path / "printer.cfg", rods=304)
-    assert stated.imported.scale == "printed" and stated.imported.printer.nominal.rods == 0.3
+    assert stated.imported.entries["scale"] == "printed"
+    assert stated.imported.printer.nominal.rods == 0.3
 
 
 @pytest.mark.long

@@ -24,7 +24,7 @@ from ppmcal.controllers.linuxcnc import hal as linuxcnc_hal
 from ppmcal.controllers.marlin import controller as marlin_config
 from ppmcal.controllers.maslow.controller import import_config as import_maslow
 from ppmcal.controllers.reprap import controller as reprap_config
-from ppmcal.controllers.reprap import heights as reprap_heights
+from ppmcal.controllers.reprap.controller import read_map
 from ppmcal.io.column_names import LABELS
 from ppmcal.io.csv import csv_table
 from ppmcal.io.dataset_reader import read_dataset
@@ -165,16 +165,16 @@ def _imported(found):
     """What an import writes is a machine and measurements that can be read again."""
     place = folder() / "imported"
     place.mkdir(exist_ok=True)
-    for name, text in found.files().items():
+    for name, text in found.files.items():
         (place / name).write_text(text, encoding="utf-8")
     machine = read_mechanism(place / "machine.yaml")
-    for name in found.files():
+    for name in found.files:
         if name.endswith(".csv"):
             read_dataset(place / name, machine)
 
 
 def _heights(path):
-    found, _ = reprap_heights.read_map(path)
+    found, _ = read_map(path)
     assert np.isfinite(found).all(), "heights that are no numbers"
 
 

@@ -46,7 +46,7 @@ def test_a_long_run_is_read_or_refused_soon(name, before, piece, after):
 
 
 def test_blank_lines_of_a_configuration_cost_no_more_than_others(tmp_path):
-    from ppmcal.controllers.reprap.heights import _PROBE
+    from ppmcal.controllers.reprap.controller import _PROBE
 
     assert not judged(lambda data: _PROBE.findall(data.decode()), b"\n" * 2_000_000 + b"x").fault
 

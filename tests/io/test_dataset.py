@@ -303,7 +303,7 @@ def test_pose_files(tmp_path):
     table = read_poses(path, BENCH)
     np.testing.assert_allclose(table.poses[0], [1e-3, 2e-3, 0, 0, 0, np.pi / 2])
     assert np.isnan(table.poses[1, 0])
-    assert table.header == ("tag", "x", "y", "rz", "vx", "wz")
+    assert table.given[0] == ("tag", "x", "y", "rz", "vx", "wz")
     assert table.extra["tag"] == ("a", "b")
     speed = twists(table.extra, BENCH)
     assert speed is not None
@@ -332,7 +332,7 @@ def test_joint_files(tmp_path):
     path.write_text("q_leg3,note,q_leg1,q_leg2\n3,hello,1,\n")
     table = read_joints(path, BENCH)
     np.testing.assert_array_equal(table.q, [[1e-3, np.nan, 3e-3]])
-    assert table.extra["note"] == ("hello",)
+    assert dict(zip(*table.given, strict=True))["note"] == ("hello",)
 
 
 @pytest.mark.parametrize(("edit", "says"), [

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from ppmcal.errors import BadInput
 from ppmcal.io import csv_text
-from ppmcal.io.csv_writer import CHUNK, csv_lines
+from ppmcal.io.csv import CHUNK, csv_lines
 from ppmcal.plain import json_text
 from ppmcal.store.folder import RECORD, read_record, running
 from ppmcal.store.inputs import current, read_bytes

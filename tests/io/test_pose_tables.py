@@ -31,7 +31,7 @@ def test_dialects_are_one_table(tmp_path: Path, separator: str, mark: str, bom: 
     path.write_text(bom.format(separator) + lines(HEADER, POSES, separator, mark), encoding="utf-8")
     (tmp_path / "plain.csv").write_text(lines(HEADER, POSES))
     one, two = (read_poses(p, HEXAPOD) for p in (path, tmp_path / "plain.csv"))
-    assert one.poses.tobytes() == two.poses.tobytes() and one.header == two.header
+    assert one.poses.tobytes() == two.poses.tobytes() and one.given[0] == two.given[0]
 
 
 def test_units_in_headers_are_converted_and_repeated_in_the_machine_s(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ import ppmcal as face
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism
 from ppmcal.io.results.scene import Scene
-from ppmcal.io.results.scene_parts import MeasuredPose
+from ppmcal.io.results.scene_machine import MeasuredPose
 from ppmcal.model.limbs import kinds as limb_kinds
 from ppmcal.report.drawing import drawing_page
 from ppmcal.report.machine_section import findings

@@ -305,7 +305,7 @@ def _refuse_worse(result: CompensationResult, worse: Collection[int], source: st
 
 def _refuse_short(mechanism: Mechanism, poses: PoseTable, source: str, sequence: bool) -> None:
     """Refuse targets that lack a column which the machine's effects depend on."""
-    n = len(poses.rows)
+    n = len(poses.poses)
     # in a sequence every joint's direction follows from the order
     joints = np.tile(np.arange(n, dtype=float)[:, None], (1, len(mechanism.actuators)))
     rows = environment(poses.environment, mechanism.actuators, mechanism.gravity, joints, sequence)

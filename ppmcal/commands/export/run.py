@@ -17,7 +17,7 @@ from ppmcal.controllers import loaded
 from ppmcal.controllers.export import UNKNOWN, Exported, Exporter, pose_uncertainty, record_of
 from ppmcal.controllers.number_intervals import with_intervals
 from ppmcal.errors import BadInput
-from ppmcal.io.csv_writer import csv_text
+from ppmcal.io.csv import csv_text
 from ppmcal.io.results.export import ExportRecord, error_size, fixed
 from ppmcal.io.results.knowledge import KNOWLEDGE
 from ppmcal.model.mechanism import Mechanism
@@ -157,7 +157,6 @@ def run(asked: ExportArguments) -> ExportResult:
     writer: Exporter = loaded(asked.form)
     machine = load(asked.model)
     warned = refuse_unfit(machine, regardless=asked.regardless)
-    source_file = Path(machine.source)
     old, poses = asked.old, asked.poses
     copied = _copier(writer, asked.form, old) if asked.write else None
     made = writer.export(machine, None if old is None else Path(old),
@@ -168,16 +167,17 @@ def run(asked: ExportArguments) -> ExportResult:
             refuse_other_file(Path(machine.source), Path(old))
     notes = list[Note]()
     sure = secondary("how well the model is known", lambda: pose_uncertainty(
-        machine, made.poses, source_file), UNKNOWN, notes)
+        machine, made.poses), UNKNOWN, notes)
     made = replace(made, uncertainty=replace(sure, reason=notes[0]) if notes else sure,
                    numbers=secondary("how well the numbers are known", lambda: with_intervals(
-                       machine, made, source_file), made.numbers, notes))
+                       machine, made), made.numbers, notes))
     if old is None:
         made = made.as_seen(machine)
     known = evidence_of(machine)
     warned += refuse_worse(made, known, machine.source, asked.regardless)
     notes += doubts(known, machine.source, asked.write and not asked.regardless)
-    beside = source_file.with_name(KNOWLEDGE) if known.there or made.uncertainty.frame else None
+    read = known.there or made.uncertainty.frame
+    beside = Path(machine.source).with_name(KNOWLEDGE) if read else None
     source = source_of("export", [*machine.inputs, *files_of(old, poses, beside)], None)
     record = record_of(made, machine.name, source)
     record = record.changed(**verdict_of(record, known, warned))

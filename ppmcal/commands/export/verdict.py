@@ -10,14 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from ppmcal.calibration.knowledge import FAR
 from ppmcal.controllers.export import Exported
 from ppmcal.controllers.pose_errors import MM
 from ppmcal.errors import NoResult
-from ppmcal.io.results.beside_model import of_other_values
+from ppmcal.io.results.beside_model import calibration_of
 from ppmcal.io.results.export import (
     LEAST,
     NO_GAIN,
@@ -28,7 +27,6 @@ from ppmcal.io.results.export import (
     is_known,
 )
 from ppmcal.io.results.identification import IdentificationRecord
-from ppmcal.io.results.knowledge import KNOWLEDGE, read_identification
 from ppmcal.io.results.parts import ErrorSize
 from ppmcal.model.instruments import find_instrument
 from ppmcal.model.mechanism import Mechanism
@@ -63,13 +61,10 @@ def evidence_of(mechanism: Mechanism) -> FitEvidence:
     Raises:
         BadInput: it cannot be read.
     """
-    path = Path(mechanism.source).with_name(KNOWLEDGE)
-    if mechanism.source not in mechanism.inputs or not path.is_file():
+    own = calibration_of(mechanism)
+    if own is None or own[2]:
         return FitEvidence()
-    record = read_identification(path)
-    if of_other_values(record, mechanism):
-        return FitEvidence()
-    known = record.residual
+    record, known = own[0], own[0].residual
     kind = next((k for k in ("position", "rotation", *known.holdout) if k in known.holdout), "")
     none = ErrorSize()
     return FitEvidence(known.before.get(kind) or none, known.holdout.get(kind) or none,

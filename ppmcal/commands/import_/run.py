@@ -36,11 +36,11 @@ class ImportResult(Result):
 
     def files(self) -> Mapping[str, str | bytes]:
         """Return machine.yaml, and tables of measurements with sidecars."""
-        return dict(self.imported.files())
+        return dict(self.imported.files)
 
     def headline(self) -> str:
         """Return what the files hold."""
-        return self.imported.headline()
+        return self.imported.headline
 
     def finished(self, written: Sequence[Path], asked: Any) -> Iterator[Told]:
         """Yield where the files are, and what to do with the measurements among them."""
@@ -55,7 +55,7 @@ class ImportResult(Result):
 
     def summary(self) -> dict[str, object]:
         """Return what the command prints as JSON, but for the files written."""
-        return {"format": "ppmcal/import/1", **self.imported.summary(),
+        return {"format": "ppmcal/import/1", **self.imported.entries,
                 "findings": list(self.findings), "provenance": self.provenance}
 
 

@@ -277,7 +277,7 @@ def _solved(which: str, machine: Mechanism, table: Any, asked: tuple[Array | Non
         return forward_table(model, joints.q, rows, found), rows, joints.given, None
     poses = read_poses(table, machine, rotation)
     rows = environment(poses.environment, machine.actuators, machine.gravity,
-                       np.full((len(poses.rows), len(machine.actuators)), np.nan))
+                       np.full((len(poses.poses), len(machine.actuators)), np.nan))
     refuse_unrecorded(machine, rows, OWNER, place_of(table, "poses"), instead)
     convention = PoseConvention(np.zeros(3) if tool is None else tool, rotation)
     if which == "inverse":

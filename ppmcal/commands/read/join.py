@@ -14,6 +14,7 @@ from ppmcal.errors import BadInput
 from ppmcal.io.clock import Clock, on_clock_of
 from ppmcal.io.column_names import is_target
 from ppmcal.io.csv import Table
+from ppmcal.io.csv import joined as in_one
 from ppmcal.io.foreign import ForeignTable, pose_names
 from ppmcal.io.header import ANGULAR, ReadFile, declared, unit_of
 from ppmcal.io.join import NoMatch, join, unwrapped
@@ -223,12 +224,7 @@ def _one_list(lists: Sequence[ForeignTable]) -> ForeignTable:
     if len(lists) == 1:
         return first
     tables = [f.table for f in lists]
-    text = {h for t in tables for h in t.text}
-    whole = Table(", ".join(t.source for t in tables), first.table.header,
-                  {h: np.concatenate([t.numbers[h] for t in tables])
-                   for h in first.table.header if h not in text},
-                  {h: tuple(c for t in tables for c in t.labels(h)) for h in text},
-                  sum(len(t) for t in tables))
+    whole = replace(in_one(tables), source=", ".join(t.source for t in tables), dialect=None)
     clock = first.clock and replace(first.clock, seconds=whole.numbers["time"])
     return replace(first, table=whole, clock=clock)
 

@@ -22,8 +22,7 @@ from ppmcal.commands.spec import Path_
 from ppmcal.errors import BadInput, refuse_unknown, unknown
 from ppmcal.io.body_targets import stands
 from ppmcal.io.column_names import LABELS
-from ppmcal.io.csv import Table, csv_table
-from ppmcal.io.csv_writer import csv_lines
+from ppmcal.io.csv import Table, csv_lines, csv_table
 from ppmcal.io.dataset_reader import dataset_of
 from ppmcal.io.foreign import ForeignTable, foreign_tables, refuse_unused
 from ppmcal.io.header import MATRIX, ReadFile, declared, unit_of

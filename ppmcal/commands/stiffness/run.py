@@ -99,7 +99,7 @@ def _poses(grid_text: str | None, poses: Any, mechanism: Mechanism
     """Return the grid, if there is one, the wanted poses (N, 6), and notes on them."""
     if poses is not None:
         table = read_poses(poses, mechanism)
-        unused = [c for c in (*WRENCH, "payload") if c in table.header]
+        unused = [c for c in (*WRENCH, "payload") if c in table.given[0]]
         notes = [Note(f"Columns {', '.join(unused)} of {poses} are not used: the load is that of "
                       "--load or --payload.", NOTE)] if unused else []
         return None, table.poses, notes

@@ -13,14 +13,14 @@ import numpy as np
 from ppmcal.calibration.fit import secondary
 from ppmcal.calibration.sessions import DayNoise, with_day_noise
 from ppmcal.calibration.validation import FrozenModel, Validated, validated, with_and_without
-from ppmcal.commands.inputs import MODELS, data_files, load, prepared, same_machine
+from ppmcal.commands.inputs import data_files, load, prepared, same_machine
 from ppmcal.commands.result import CalibratedMachine, Result
 from ppmcal.commands.spec import Machine, Path_
 from ppmcal.commands.validate.options import ValidateArguments
 from ppmcal.errors import refuse_unknown
 from ppmcal.io.results.beside_model import rows_seen, seen_before
 from ppmcal.io.results.identification_parts import rows_behind
-from ppmcal.io.results.knowledge import KNOWLEDGE
+from ppmcal.io.results.knowledge import KNOWLEDGE, MODELS
 from ppmcal.io.results.validation import ValidatedDataset, ValidationRecord
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import REGISTERED

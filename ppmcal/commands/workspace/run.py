@@ -93,7 +93,7 @@ def _modes(found: Workspace, joints: Any, seed: int) -> list[ModeRow]:
     wanted = [(0, home_state(found.mechanism).q)]
     if joints is not None:
         table = read_joints(joints, found.mechanism)
-        wanted = [(int(n), q) for n, q in zip(table.rows, table.q, strict=True)]
+        wanted = list(enumerate(table.q, 1))
         if not wanted:
             raise BadInput("has no rows", place_of(joints, "joints"),
                            "Give at least one row of joint values")

@@ -42,11 +42,6 @@ class DeltaFit(Generic[DeltaNumbers]):
     notes: tuple[Note, ...]
     again: Again
 
-    @property
-    def exact(self) -> bool:
-        """Whether the numbers hold all of the geometry."""
-        return not self.not_expressed
-
 
 @dataclass(frozen=True)
 class DeltaFirmware(Generic[DeltaConfig, DeltaNumbers]):

@@ -327,7 +327,7 @@ def export_delta(firmware: DeltaFirmware[Any, Any], mechanism: Mechanism, old: P
     return Exported(
         firmware.name, firmware.title, {firmware.file: text},
         f"{firmware.title}'s numbers hold "
-        + ("all of the geometry" if found.exact else firmware.fitted),
+        + (firmware.fitted if found.not_expressed else "all of the geometry"),
         tuple(Number(name, before.get((name, unit)), value, unit)
               for name, unit, value in firmware.table(found.new)),
         f"{len(found.points)} points, {found.radius * 1e3:.0f} mm around the middle, z 0 to 100 "

@@ -10,9 +10,10 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 from ppmcal.controllers.delta.geometry import Triple, above_zero
-from ppmcal.controllers.text import NUMBER, commented
+from ppmcal.controllers.text import NUMBER, commented, read_text
 from ppmcal.errors import BadInput, unknown
 
 DIGITS = 4
@@ -123,6 +124,19 @@ def parse_lines(text: str, source: str, known: Mapping[int, str]) -> Lines:
                 values |= {f"M{code} {letter}": Value(numbers, n)
                            for letter, numbers in _parameters(body, known[code], where).items()}
     return Lines(source, values, tuple(elsewhere))
+
+
+def line_readers(known: Mapping[int, str], wanted: str, bare: Callable[[str], str] = str
+                 ) -> tuple[Callable[[Path], Lines], Callable[[str, str], Lines]]:
+    """Return what reads a firmware's file, and what its text says, of a name for messages.
+
+    ``known``: as of :func:`parse_lines`; ``wanted``: what to give instead of what is no text;
+    ``bare``: a text without what a host shows before its lines.
+    """
+    def parse(text: str, source: str) -> Lines:
+        return parse_lines(bare(text), source, known)
+
+    return lambda path: parse(read_text(path, wanted), str(path)), parse
 
 
 def _mark(hidden: re.Match[str]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -17,14 +16,17 @@ from ppmcal.calibration.fit import Z95, Problem, unfitted
 from ppmcal.calibration.knowledge import tilt_sentences
 from ppmcal.calibration.validation import DEFINITION, before
 from ppmcal.controllers.delta.geometry import SMALLEST, TOWERS, DeltaGeometry
-from ppmcal.controllers.delta.printer import Nominal, Printer, PrinterReader, offsets
-from ppmcal.controllers.delta.six_rods import (
+from ppmcal.controllers.delta.printer import (
     JOINT,
     TILTING,
     Effector,
+    Nominal,
+    Printer,
+    PrinterReader,
     beside,
     by_probe_and_nozzle,
     effector_of,
+    offsets,
     refuse_effector,
     six_limbs,
 )
@@ -32,6 +34,7 @@ from ppmcal.controllers.importing import MACHINE, Imported, machine_head, sideca
 from ppmcal.errors import BadInput, PpmcalError, unknown
 from ppmcal.io import csv_text, read_mechanism
 from ppmcal.io.column_names import LABELS
+from ppmcal.io.csv import csv_table
 from ppmcal.io.dataset_reader import dataset_of
 from ppmcal.io.results.identification_parts import summaries
 from ppmcal.io.sidecar import sidecar_of
@@ -66,17 +69,10 @@ LONGEST = 1e5
 class ImportedPrinter(Imported):
     """A printer and its measurements.
 
-    Attributes:
-        printer: what the controller's file says, mm and degrees.
-        rods: how rods are taken: ``fixed``, ``shared`` or ``single``.
-        scale: of measured distances: ``printed``, ``known``, or ``unknown``.
-        before: errors of the written machine on each table of touches, mm, and their definition.
+    ``printer``: what the controller's file says, mm and degrees.
     """
 
     printer: Printer = field(kw_only=True)
-    rods: str = field(kw_only=True)
-    scale: str = field(kw_only=True)
-    before: Mapping[str, object] = field(kw_only=True)
 
 
 def printer_importer(read: PrinterReader) -> Callable[[Path, Mapping[str, Any]], ImportedPrinter]:
@@ -138,8 +134,7 @@ def _imported(path: Path, printer: Printer, rods: str, scale: str, choose: bool,
         "nominal": printer.nominal.geometry.named(), "nominal_from": printer.nominal.origin,
         "saved": printer.calibration.named() if printer.calibrated else None,
         "saved_off": dict(printer.off), "size": size or None, "before": dict(errors)}
-    return ImportedPrinter(texts, sentence, entries, findings, inputs, printer=printer, rods=rods,
-                           scale=scale, before=errors)
+    return ImportedPrinter(texts, sentence, entries, findings, inputs, printer=printer)
 
 
 def _rods(given: str | float | Sequence[str | float]) -> tuple[float | None, str | None]:
@@ -394,11 +389,9 @@ def _datasets(texts: Mapping[str, str], mechanism: Mechanism) -> Iterator[Datase
         if not name.endswith(".csv"):
             continue
         stem = name.removesuffix(".csv")
-        header, *rows = csv.reader(text.splitlines())
-        own = [n for n, column in enumerate(header) if column not in LABELS]
-        numbers = np.array([[row[n] for n in own] for row in rows], dtype=float)
-        yield touches(mechanism, stem, [header[n] for n in own], numbers,
-                      yaml.safe_load(texts[f"{stem}.yaml"]))
+        table = csv_table(text.encode(), stem, LABELS.__contains__).without(LABELS)
+        yield dataset_of(table, sidecar_of(yaml.safe_load(texts[f"{stem}.yaml"]), mechanism), stem,
+                         mechanism)
 
 
 def touches(mechanism: Mechanism, name: str, header: Sequence[str], rows: Array,

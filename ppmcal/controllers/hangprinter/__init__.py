@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 def _is_hangprinter(mechanism: Mechanism) -> bool:
     """Whether a machine is four or five ropes to a head that stays level."""
-    from ppmcal.controllers.ropes.machine import holds_a_point
+    from ppmcal.controllers.ropes import holds_a_point
 
     return holds_a_point(mechanism, ("x", "y", "z"), 4) and len(mechanism.limbs) <= 5
 

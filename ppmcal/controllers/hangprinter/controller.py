@@ -20,12 +20,14 @@ from ppmcal.controllers.hangprinter.reading import (
     read_samples,
 )
 from ppmcal.controllers.importing import Imported
-from ppmcal.controllers.ropes.export import Frame, RopeFirmware, export_ropes
-from ppmcal.controllers.ropes.machine import (
+from ppmcal.controllers.ropes import (
+    Frame,
     Rope,
+    RopeFirmware,
     RopeGeometry,
     RopeMachine,
     RopeRun,
+    export_ropes,
     holds_a_point,
     rope_files,
 )

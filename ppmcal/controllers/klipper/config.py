@@ -21,6 +21,7 @@ from ppmcal.controllers.delta.geometry import (
     DIGITS,
     TOWERS,
     DeltaGeometry,
+    Triple,
     above_zero,
     triple,
 )
@@ -134,6 +135,15 @@ class Config:
         value = self.numbers(section, key, 1)[0]
         return above_zero(value, self.at(section, key)) if positive else value
 
+    def each(self, key: str, usual: Sequence[float | None] = (None, None, None),
+             positive: bool = False) -> Triple:
+        """Return a number of each tower; b and c default to a's, as in the firmware."""
+        out: list[float] = []
+        for tower, default in zip(TOWERS, usual, strict=True):
+            known = out[0] if out and default is None else default
+            out.append(self.number(f"stepper_{tower}", key, known, positive))
+        return triple(out)
+
 
 def read_config(path: str | os.PathLike[str]) -> Config:
     """Return a configuration file as sections of text.
@@ -209,19 +219,15 @@ def read_geometry(config: Config) -> DeltaGeometry:
                        config.at("printer", "kinematics"),
                        "Only linear delta printers are read: `kinematics: delta`")
     radius = config.number("printer", "delta_radius", positive=True)
-    arms: list[float] = []
-    ends: list[float] = []
-    angles: list[float] = []
-    for i, tower in enumerate(TOWERS):
-        name = f"stepper_{tower}"
-        angles.append(config.number(name, "angle", ANGLES[i]))
-        arms.append(config.number(name, "arm_length", arms[0] if arms else None, positive=True))
-        ends.append(config.number(name, "position_endstop", ends[0] if ends else None))
-        if arms[i] <= radius:
-            raise BadInput(f"the arm of tower {tower}, {arms[i]:g} mm, does not reach the middle: "
-                           f"delta_radius is {radius:g} mm", config.at(name, "arm_length"),
+    angles, arms = config.each("angle", ANGLES), config.each("arm_length", positive=True)
+    ends = config.each("position_endstop")
+    for tower, arm in zip(TOWERS, arms, strict=True):
+        if arm <= radius:
+            raise BadInput(f"the arm of tower {tower}, {arm:g} mm, does not reach the middle: "
+                           f"delta_radius is {radius:g} mm",
+                           config.at(f"stepper_{tower}", "arm_length"),
                            "Check both lengths; arm_length is the longer one")
-    return DeltaGeometry(radius, triple(angles), triple(arms), triple(ends))
+    return DeltaGeometry(radius, angles, arms, ends)
 
 
 def read_step(config: Config, name: str) -> float:

@@ -116,19 +116,11 @@ def read_rotary(config: Config) -> RotaryDelta:
     if not is_rotary(config):
         raise BadInput(f"kinematics is not {KINEMATICS}", config.at("printer", "kinematics"),
                        "Give the printer.cfg of a rotary delta")
-    def each(key: str, usual: tuple[float | None, ...] = (None,) * 3, positive: bool = True
-             ) -> Triple:
-        out: list[float] = []
-        for arm, default in zip(TOWERS, usual, strict=True):
-            known = out[0] if out and default is None else default
-            out.append(config.number(f"stepper_{arm}", key, known, positive=positive))
-        return triple(out)
-
     delta = RotaryDelta(
         config.number("printer", "shoulder_radius", positive=True),
         config.number("printer", "shoulder_height", positive=True),
-        each("angle", SHOULDERS, positive=False), each("upper_arm_length"),
-        each("lower_arm_length"), each("position_endstop"))
+        config.each("angle", SHOULDERS), *(config.each(key, positive=True) for key in (
+            "upper_arm_length", "lower_arm_length", "position_endstop")))
     for arm, angle in zip(TOWERS, endstop_angles(delta), strict=True):
         if not math.isfinite(angle):
             raise BadInput(f"arm {arm} does not get to the middle at its endstop",

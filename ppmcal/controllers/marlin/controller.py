@@ -27,11 +27,11 @@ import numpy as np
 from ppmcal.controllers.delta import geometry as delta_geometry
 from ppmcal.controllers.delta.firmware import DeltaFirmware, DeltaFit, patched_lines
 from ppmcal.controllers.delta.fit import export_delta
-from ppmcal.controllers.delta.gcode import DIGITS, Lines, parse_lines, two_lines, words
+from ppmcal.controllers.delta.gcode import DIGITS, Lines, line_readers, two_lines, words
 from ppmcal.controllers.delta.geometry import DeltaGeometry, Triple, triple
 from ppmcal.controllers.delta.importer import printer_importer
 from ppmcal.controllers.delta.printer import Printer, stated_nominal
-from ppmcal.controllers.text import Rounded, read_text
+from ppmcal.controllers.text import Rounded
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array
 from ppmcal.notes import NOTE, Note
@@ -67,18 +67,8 @@ class MarlinDelta(Rounded, digits=DIGITS):
         return self.rod + np.array(self.trims or (0.0, 0.0, 0.0))
 
 
-def read_lines(path: Path) -> Lines:
-    """Return what a report, or a file of lines, says of the delta.
-
-    Raises:
-        BadInput: it is no text, or its M665 or M666 cannot be read.
-    """
-    return parse(read_text(path, "Give what M503 sent"), str(path))
-
-
-def parse(text: str, source: str) -> Lines:
-    """Return what ``text`` says of the delta; later lines win, letter by letter."""
-    return parse_lines(_LEAD.sub("", text), source, LETTERS)
+bare = partial(_LEAD.sub, "")
+read_lines, parse = line_readers(LETTERS, "Give what M503 sent", bare)
 
 
 def read_delta(lines: Lines) -> MarlinDelta:
@@ -179,7 +169,7 @@ MARLIN = DeltaFirmware(
     advice=lambda *_: [Note(
         "Send the lines of marlin.g, then M500. DELTA_RADIUS_TRIM_TOWER of Configuration.h must be "
         "0 for all towers: no line says what it is.", NOTE)], notes=_notes, codes=LETTERS,
-    bare=partial(_LEAD.sub, ""), copy="m503.txt")
+    bare=bare, copy="m503.txt")
 
 
 def read_printer(path: Path, rods: float | None = None, meshes: Sequence[str] = (),

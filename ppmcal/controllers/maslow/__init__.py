@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 def _is_maslow(mechanism: Mechanism) -> bool:
     """Whether a machine is four ropes to one point in the plane."""
-    from ppmcal.controllers.ropes.machine import holds_a_point
+    from ppmcal.controllers.ropes import holds_a_point
 
     return holds_a_point(mechanism, ("x", "y"), 4) and len(mechanism.limbs) == 4
 

@@ -26,11 +26,13 @@ from ppmcal.controllers.maslow.reading import (
     read_log,
 )
 from ppmcal.controllers.pose_errors import MM
-from ppmcal.controllers.ropes.export import Frame, RopeFirmware, export_ropes
-from ppmcal.controllers.ropes.machine import (
+from ppmcal.controllers.ropes import (
+    Frame,
     Rope,
+    RopeFirmware,
     RopeGeometry,
     RopeMachine,
+    export_ropes,
     holds_a_point,
     rope_files,
     rope_geometry,

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ppmcal.controllers.ropes.machine import RopeRun, places_of
+from ppmcal.controllers.ropes import RopeRun, places_of
 from ppmcal.controllers.text import read_text
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import csv_table

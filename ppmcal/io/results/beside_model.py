@@ -13,7 +13,7 @@ from ppmcal.calibration.interpretation import count_among
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.io import read_mechanism
 from ppmcal.io.results.identification import IdentificationRecord
-from ppmcal.io.results.knowledge import known_in, read_identification, tables_of
+from ppmcal.io.results.knowledge import KNOWLEDGE, known_in, read_identification, tables_of
 from ppmcal.io.results.record import Finite, Part, Record, Shown, Text
 from ppmcal.io.results.units import column_factor
 from ppmcal.model.dataset import Dataset
@@ -29,6 +29,22 @@ APART = 3.0
 """Standard deviations between two readings of one campaign that are not remarkable."""
 TURNED = ("direction", "axis")
 """Slots whose identified errors are in the model file's nominal vectors already."""
+
+
+def calibration_of(mechanism: Mechanism) -> tuple[IdentificationRecord, Path, str] | None:
+    """Return the identification.json beside a machine's file, and its path.
+
+    And what :func:`of_other_values` says of it. None where none lies there, or the machine is in
+    memory.
+
+    Raises:
+        BadInput: it cannot be read.
+    """
+    path = Path(mechanism.source).with_name(KNOWLEDGE)
+    if mechanism.source not in mechanism.inputs or not path.is_file():
+        return None
+    record = read_identification(path)
+    return record, path, of_other_values(record, mechanism)
 
 
 def of_other_values(record: IdentificationRecord, mechanism: Mechanism) -> str:

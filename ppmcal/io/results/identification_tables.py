@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from ppmcal.calibration.fit import GAP, Fit, MissingPoses, Problem, labels
 from ppmcal.calibration.validation import Residuals
-from ppmcal.io.csv import Table
-from ppmcal.io.csv_writer import csv_text
+from ppmcal.io.csv import Table, csv_text
 from ppmcal.io.results.record import Column, table_lines
 from ppmcal.io.results.tables import (
     ENVIRONMENT,

@@ -30,11 +30,18 @@ from ppmcal.units import Units, coordinate_quantity
 
 KNOWLEDGE = IdentificationRecord.FILE
 """What a fit knows of a machine, in the folder of its file."""
+MODELS = ("model.yaml", "identified.yaml")
+"""Files of a folder that a calibration wrote, the one with effects first."""
 AGAIN = "Run identify again"
 WITHOUT = "Run identify again, or remove it to go on without uncertainties"
 ROUND_OFF = 1e-6
 LONGEST = 1e15
 """File units: no value of a parameter and no pose is as large."""
+
+
+def model_in(folder: Path) -> Path | None:
+    """Return the calibrated machine's file in a folder, None where it holds none."""
+    return next((p for p in (folder / m for m in MODELS) if p.is_file()), None)
 
 
 def read_knowledge(path: Path, mechanism: Mechanism) -> ParameterCovariance:

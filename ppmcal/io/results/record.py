@@ -15,7 +15,7 @@ from typing import Annotated, Any, ClassVar, Self, dataclass_transform
 from ppmcal import codec
 from ppmcal.codec import AGAIN, reader_of
 from ppmcal.errors import BadInput
-from ppmcal.io.csv_writer import csv_lines
+from ppmcal.io.csv import csv_lines
 from ppmcal.io.json import read_object
 from ppmcal.plain import Reader, WrongKind, json_text, plain
 from ppmcal.store.output import LongText

@@ -9,17 +9,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal.io.results.record import Finite, Flag, Part, Text
-from ppmcal.io.results.scene_machine import MachineStand, machine_frames
-from ppmcal.io.results.scene_parts import (
+from ppmcal.io.results.scene_machine import (
+    MachineStand,
     MeasuredPose,
     Point,
     SceneEffect,
     SceneFrame,
     SceneMachine,
+    machine_frames,
 )
 from ppmcal.kinematics.closed_at_home import home_gaps
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.inverse import home_attempt
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.pose_sweep import PoseSweep, pose_sweep
 from ppmcal.linalg import Array, Bools, finite_rows
@@ -193,7 +195,7 @@ def _other_stand(plain: Mechanism, stand: MachineStand) -> MachineStand:
     """
     pose = np.array(stand.pose)
     good: Bools = np.zeros(len(pose), dtype=bool)
-    if not stand.lost(plain):
+    if not home_attempt(plain).lost:
         found = forward(Model(plain), stand.q, stand.pose, stand.q).pose
         good = finite_rows(found)
         pose[good] = found[good]

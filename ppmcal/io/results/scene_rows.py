@@ -16,7 +16,7 @@ from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import FittedDataset
 from ppmcal.io.results.identification_tables import norm, row_key, used
 from ppmcal.io.results.scene import ScenePoses
-from ppmcal.io.results.scene_parts import MeasuredPose, Point, point_of
+from ppmcal.io.results.scene_machine import MeasuredPose, Point, point_of
 from ppmcal.io.sidecar import sidecar_path
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
@@ -49,7 +49,7 @@ class FittedRows:
 
     folder: str
     record: IdentificationRecord
-    residuals: Table | None
+    residuals: Table | None = None
 
 
 @dataclass(frozen=True)

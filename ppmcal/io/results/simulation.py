@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 
 from ppmcal.codec import unsaid
-from ppmcal.io.csv_writer import csv_lines
+from ppmcal.io.csv import csv_lines
 from ppmcal.io.effects import effects_tree
 from ppmcal.io.results.identification_parts import ParameterEstimate
 from ppmcal.io.results.record import Record, Shown, Text, Whole
