@@ -121,7 +121,7 @@ def test_what_is_looked_for_is_a_section():
     titles = re.findall(r"^## (.+)$", PAGE, re.M)
     places = {re.sub(r"[^\w -]", "", t).lower().replace(" ", "-"): t for t in titles}
     linked = {places[anchor] for anchor in re.findall(r"\(#([\w-]+)\)", top)}
-    assert {t for t in titles if t.startswith(("Add ", "The way of "))} < linked
+    assert {t for t in titles if t.startswith(("Add ", "The path of "))} < linked
 
 
 def test_matrices_are_methods_of_the_closure():
@@ -135,8 +135,8 @@ def test_words_are_in_order_and_stand_once():
     assert words == sorted(set(words))
 
 
-@pytest.mark.parametrize("title", ["The way of a measurement row", "The way of a tolerance",
-                                   "The way of an effect's parameter"])
+@pytest.mark.parametrize("title", ["The path of a measurement row", "The path of a tolerance",
+                                   "The path of an effect's parameter"])
 def test_ways_count_their_files(title):
     numbers = {"Twelve": 12, "Thirteen": 13, "Fourteen": 14, "Fifteen": 15, "Twenty-six": 26}
     files = [f for cell in re.findall(r"^\| (`.*?`) \|", section(title), re.M)

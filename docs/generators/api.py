@@ -15,15 +15,15 @@ from ppmcal.commands.face import result_of
 SECTIONS = ("Args", "Returns", "Raises", "Attributes")
 INTRODUCTION = """# Python functions
 
-`import ppmcal` loads neither NumPy nor SciPy; each function is loaded on first use. Files, data
-frames, mappings of columns and arrays are taken alike. Tables are in the units of the mechanism
-file, attributes of results in SI. [A notebook](calibration.md) goes from a drawing to corrected
-commands.
+`import ppmcal` loads neither NumPy nor SciPy; each function is loaded on first use. Functions
+accept files, data frames, mappings of columns and arrays. Tables are in the units of the mechanism
+file, attributes of results in SI units. [A notebook](calibration.md) goes from a drawing to
+corrected commands.
 
-In the signatures `Machine` is a mechanism, its file, the folder of a result or a mapping such as
-the file holds; `Measurements` are data sets, or paths of measurement files; `Path_` is a path;
-`Table` is the path of a table, a data frame or a mapping of columns; `Progress` is called with a
-line of text now and then.
+In the signatures `Machine` is a mechanism, its file, the folder of a result or a mapping with the
+content of the file; `Measurements` are data sets, or paths of measurement files; `Path_` is a path;
+`Table` is the path of a table, a data frame or a mapping of columns; `Progress` is called with
+a line of text from time to time.
 """
 
 

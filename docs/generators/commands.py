@@ -13,19 +13,19 @@ EXIT_CODES = """## Exit codes
 | code | means | what to do |
 |---|---|---|
 | 0 | done | |
-| 1 | done, and something needs a look, such as rows left out | read the lines that begin with `!` |
-| 2 | bad input: nothing was written | one message names file, place and hint |
-| 3 | no result, and nothing written but what says why | the message has what would help |
+| 1 | done, with findings, such as rows left out | read the lines that begin with `!` |
+| 2 | bad input: nothing was written | one message gives file, place and hint |
+| 3 | no result; only a record of the reason is written | the message has the remedy |
 | 130 | stopped with Ctrl-C | |
 
-No result (3) is: singular, not converged, measurements that are not of this machine as the files
-are read, corrections that are worse than none. What needs a look (1) also stands under `findings`
+No result (3) means: singular, not converged, measurements that, as the files are read, are not of
+this machine, corrections that are worse than none. Findings (1) are also under `findings`
 in the JSON file.
 """
 INTRODUCTION = """# Commands
 
-`ppmcal COMMAND --help` says the same. Every command that writes files takes `--out`, every one that
-prints a result takes `--json` (one object on standard output, for other programs) and `--quiet`.
+`ppmcal COMMAND --help` prints the same. Every command that writes files has `--out`, every one
+that prints a result has `--json` (one object on standard output, for other programs) and `--quiet`.
 [Exit codes](#exit-codes) are the same for all of them.
 """
 

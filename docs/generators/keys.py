@@ -19,16 +19,16 @@ FILE_NAMES = {"mechanism": "Mechanism file", "dataset": "Sidecar of measurements
               "scenario": "Scenario file", "batch": "Manifest of a batch",
               "about": "About a certificate"}
 LEADS = {
-    "mechanism": "The machine as it was drawn, or as identified. `ppmcal init` writes one to "
-    "start from, `ppmcal check` reads it. Everything is in the units that `units` declares. "
-    "`limbs` have keys by their kind: see [limb kinds](limbs.md); `effects` have parameters by "
-    "theirs: see [effects](../effects.md#kind-by-kind).",
-    "dataset": "The YAML file beside a CSV of the same stem: what its numbers are. Its columns "
-    "stand in [data as they come](../data.md#columns).",
-    "scenario": "What `ppmcal simulate` measures: poses, errors, effects, instrument, noise.",
-    "batch": "What `ppmcal batch` runs; [Many machines](../batch.md) explains it.",
-    "about": "Who certifies what, for `ppmcal certify --about`; [Certificates](../certify.md) "
-    "explains it.",
+    "mechanism": "The machine as drawn, or as identified. `ppmcal init` writes one to "
+    "start from, `ppmcal check` checks it. Everything is in the units that `units` declares. "
+    "The keys of `limbs` depend on their kind: see [limb kinds](limbs.md); so do the parameters of "
+    "`effects`: see [effects](../effects.md#kind-by-kind).",
+    "dataset": "The YAML file next to a CSV of the same stem, which describes its numbers. The "
+    "columns are listed in [data as they come](../data.md#columns).",
+    "scenario": "What `ppmcal simulate` simulates: poses, errors, effects, instrument, noise.",
+    "batch": "The campaigns that `ppmcal batch` runs; see [Many machines](../batch.md).",
+    "about": "Who certifies what, for `ppmcal certify --about`; see "
+    "[Certificates](../certify.md).",
 }
 TITLES = {"AboutInstrumentFile": "Measuring instrument", "PoseFile": "Pose",
           "SlotFile": "Slot", "DirectionFile": "Direction",
@@ -63,7 +63,7 @@ def key_page(name: str) -> str:
     whole = {key: EXAMPLES[name][""][key] for key in WHOLE[name].split()}
     lines = [f"# {FILE_NAMES[name]}\n", LEADS[name] + "\n",
              f"`ppmcal schema {name}` prints the JSON Schema, for editors. A key that is not "
-             "listed is refused, with the nearest one that is.\n",
+             "listed is refused, with the most similar one that is.\n",
              fenced(yaml.safe_dump(whole, sort_keys=False, default_flow_style=None, width=88))]
     for title, part in found:
         if title:

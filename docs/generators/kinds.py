@@ -23,30 +23,30 @@ DRIVES = {"length": "slide", "angle": "hinge"}
 EXAMPLES = ALL_EXAMPLES["effects"]
 WORDS = {"dir": "`dir_<actuator>`", "vel": "`vel_<actuator>`", "temperature": "`temperature`",
          "load": "`payload` or a wrench",
-         "tension": "`tension_<rope>`, or the load where no limb is more than needed",
+         "tension": "`tension_<rope>`, or the load if no limb is redundant",
          "wrench": "`payload` or a wrench", "time": "`time`",
-         "row": "the rows in their order", "touch": "touches of a flat (instrument `plane`)",
+         "row": "the rows in order", "touch": "touches of a flat (instrument `plane`)",
          "order": "`approach: sequence`, or `time`", "past": "`time`, of every row of the file"}
 LIMBS = """# Limb kinds
 
-Joints are named from base to platform, the driven one in brackets. A is `base.point`, B is
-`platform.point` carried to base axes, u = `ratio` q + `offset` the joint coordinate,
+Joints are named from base to platform, the driven one in parentheses. A is `base.point`, B is
+`platform.point` transformed to base axes, u = `ratio` q + `offset` the joint coordinate,
 d(φ) = (cos φ, sin φ), n(φ) = (−sin φ, cos φ), α = `base.angle`, σ = `slide_angle`,
-ψ = the platform's rotation + `platform.angle`. The drawings show one limb of a machine that ppmcal
-ships: in grey where it goes when its joint value grows. A kind without brackets is passive
-(`actuator: none`): it holds the platform and has no joint value.
+ψ = the platform's rotation + `platform.angle`. The drawings show one limb of a shipped machine, and
+in grey its position with a larger joint value. A kind without parentheses is passive
+(`actuator: none`): it constrains the platform and has no joint value.
 
-Conditions on directions, such as `platform.axis` square to `base.axis`, count as the arc at 1 m in
-tables of gaps.
+Conditions on directions, such as `platform.axis` perpendicular to `base.axis`, are given as the arc
+at 1 m in tables of gaps.
 
-A limb's slots stand under its name: `leg1.base.point.x`, `leg1.length`. Lengths and angles are in
-the units of the file. Besides its slots each joint of a limb has a frame error, `joint1: {x, y, z,
-rx, ry, rz}`, 0 unless the file says otherwise.
+A limb's slots are named after it: `leg1.base.point.x`, `leg1.length`. Lengths and angles are in
+the units of the file. In addition, each joint of a limb has a frame error, `joint1: {x, y, z,
+rx, ry, rz}`, 0 by default.
 """
 EFFECTS = """## Kind by kind
 
-What each kind is as the program knows it. Ranges are in SI. `q` is the joint value, `du` what is
-added to the joint coordinate; other symbols stand [above](#what-they-are).
+Each kind as defined in the program. Ranges are in SI units. `q` is the joint value, `du` the
+contribution to the joint coordinate; other symbols are defined [above](#what-they-are).
 """
 
 
@@ -71,15 +71,15 @@ def _limb(kind: LimbKind) -> str:
                 "", DIRECTIONS.get(d, f"a unit vector in {d.partition('.')[0]} axes"))
                for d in kind.directions]
     further += [(code(a), "direction", "none", "`angle`", "first axis of a universal joint whose "
-                 "axes miss each other") for a in kind.axes if a not in kind.directions]
+                 "axes do not intersect") for a in kind.axes if a not in kind.directions]
     branch = [] if kind.branch is None else [
         (code(kind.branch), "1 or -1", "nearest to `home.q`, else 1", "",
          "which of two solutions")]
     machine, limb = example_limb(kind)
     return "\n".join([
         f"## {kind.name} {{ #{anchor_of(kind)} }}\n",
-        f"![One limb {kind.name}, and where it goes when {'its' if kind.driven else 'another'} "
-        f"joint value grows]"
+        f"![One limb {kind.name}, and its position after {'its' if kind.driven else 'another'} "
+        f"joint value has increased]"
         f"(images/generated/{anchor_of(kind)}.svg)\n",
         f"Closes when {code(kind.closes_when)}. Source: {kind.source}.\n",
         table(["slot", "measures", "default", "tolerance class", "meaning"],
@@ -88,34 +88,34 @@ def _limb(kind: LimbKind) -> str:
         fenced(yaml.safe_dump([limb], sort_keys=False, default_flow_style=None, width=88))])
 
 
-SLOTS = {"lateral": "how far the strut or slide passes beside the joint", "offset": "zero of the "
+SLOTS = {"lateral": "distance of the strut or slide from the joint", "offset": "zero of the "
          "drive: added to ratio q", "ratio": "joint coordinate per joint value; 1: in the file's "
          "unit", "length": "of the rod", "proximal": "from the base's joint to the middle one",
          "distal": "from the middle joint to the platform's", "slide_angle": "between slide and "
-         "link", "base.angle": "of the slide, against the base's x axis", "platform.angle":
-         "of the slide, against the platform's x axis", "radius": "of the pulley, to the middle of "
-         "the rope"}
+         "link", "base.angle": "of the slide, from the base's x axis", "platform.angle":
+         "of the slide, from the platform's x axis", "radius": "of the pulley, to the centre "
+         "line of the rope"}
 DIRECTIONS = {
-    "base.pulley.axis": "a unit vector in base axes, about which the rope runs round the pulley: "
-    "as fingers do round the thumb of a right hand",
-    "base.pulley.zero": "a unit vector in base axes, from the centre to where the rope comes onto "
+    "base.pulley.axis": "a unit vector in base axes, about which the rope runs round the pulley "
+    "like right-hand fingers round the thumb",
+    "base.pulley.zero": "a unit vector in base axes, from the centre to where the rope meets "
     "the pulley",
     "base.swivel_pulley.axis": "a unit vector in base axes, about which the pulley swivels: along "
-    "the rope that comes onto it, the way it comes"}
+    "the arriving rope, in its direction"}
 PULLEYS = {"center": "centre of the pulley, in base axes",
-           "point": "where the rope comes onto the pulley, on its swivel axis, in base axes"}
+           "point": "where the rope meets the pulley, on its swivel axis, in base axes"}
 
 
 def _slot(slot: SlotSpec) -> str:
     if slot.name.endswith("axis_offset"):
-        return "how far the axes of the universal joint miss each other"
+        return "distance between the axes of the universal joint"
     *_, body, point, _ = ("", "", *slot.name.split("."))
     if body.endswith("pulley") and point in PULLEYS:
         return PULLEYS[point]
     if ".point." in slot.name:
         return f"joint of the {slot.name.partition('.')[0]}, in its axes"
     if slot.name.rpartition(".")[2] in ("rx", "ry", "rz"):
-        return f"error of {slot.name.rpartition('.')[0]}: a small turn in its axes"
+        return f"error of {slot.name.rpartition('.')[0]}: a small rotation in its axes"
     return SLOTS["radius" if slot.wheel else slot.name]
 
 
@@ -147,15 +147,15 @@ def _effect(kind: EffectKind) -> str:
     rows = [(code(s.name), _unit(s.quantity), "needed" if s.default is None else
              "open" if math.isnan(s.default) else f"{s.default:g}", _usual(s), plain(s.why))
             for s in specs.values()]
-    needs = " and ".join(dict.fromkeys(WORDS[n] for n in kind.needs)) or "nothing but joint values"
+    needs = " and ".join(dict.fromkeys(WORDS[n] for n in kind.needs)) or "only joint values"
     facts = [f"- Adds: {code(kind.equation)}", f"- Source: {plain(kind.source)}.",
              f"- Needs: {needs}.",
              f"- Acts on: {'single actuators (`on`)' if kind.per_actuator else 'the machine'}; "
              f"motions: {', '.join(map(str, own))}."]
     if kind.from_file:
-        facts.append(f"- Keys beside `parameters`: {', '.join(map(code, kind.from_file.entries))}.")
+        facts.append(f"- Further keys: {', '.join(map(code, kind.from_file.entries))}.")
     if kind.remedy:
-        facts.append(f"- To tell it apart: {plain(kind.remedy)}.")
+        facts.append(f"- To distinguish it: {plain(kind.remedy)}.")
     first = " ".join(_about(kind).partition("\n\n")[0].split())
     return "\n".join([
         f"### {kind.name}\n", plain(first) + "\n", "\n".join(facts) + "\n",
