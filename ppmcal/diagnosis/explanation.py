@@ -40,7 +40,8 @@ TRY = ("state what is known (stiffness, load, directions) in the mechanism file,
 ENDED = Note("the search among sets of causes was stopped early: the likeliest set so far is "
              f"reported, others may be likelier; {TRY}", topic="search")
 UNSETTLED = Note(f"the causes did not settle in {ROUNDS} rounds of fitting and asking again: those "
-                 f"of the last round are reported; {TRY}", topic="search")
+                 "of the last round are reported; only what the round before named too has a name; "
+                 f"{TRY}", topic="search")
 UNFITTED = ("the fit with {} failed ({}): results are from the fit without, where their "
             f"derivatives may be far off; {TRY}")
 
@@ -53,7 +54,8 @@ class CausePlace:
     family that leads, with all members in which it is; the others likeliest first. ``block``: of
     the best set; ``leader``: what is reported in its place; ``hypothesis``: what that stands for,
     None if it is unknown.
-    ``only_misread``: whether all of the members are columns that are read wrongly.
+    ``only_misread``: whether all of the members are columns that are read wrongly; ``settled``:
+    whether the round before found the same, where rounds did not come to agree.
     """
 
     members: tuple[Member, ...]
@@ -62,6 +64,7 @@ class CausePlace:
     label: str
     hypothesis: Hypothesis | None
     only_misread: bool = False
+    settled: bool = True
 
     @property
     def sure(self) -> bool:
@@ -70,8 +73,8 @@ class CausePlace:
 
     @property
     def named(self) -> bool:
-        """Whether a name stands: something is there, and unknown does not lead."""
-        return self.sure and self.hypothesis is not None and not self.misread
+        """Whether a name stands: something is there, unknown does not lead, and it settled."""
+        return self.settled and self.sure and self.hypothesis is not None and not self.misread
 
     @property
     def misread(self) -> str:
@@ -85,7 +88,8 @@ class Round:
 
     ``whitening``: the correlation of the noise beside the best set, with its standard deviation;
     ``cut``: whether the search ended at what was too large for its derivatives; ``given_up``: what
-    was not brought to its end, and what to do, in words.
+    was not brought to its end, and what to do, in words; ``before``: what the round before named,
+    None where rounds came to agree: no name rests on derivatives that another fit contradicts.
     """
 
     fit: Fit
@@ -98,6 +102,7 @@ class Round:
     whitening: Whitening
     cut: bool = False
     given_up: tuple[Note, ...] = ()
+    before: frozenset[object] | None = None
 
     def without_columns(self) -> Round:
         """Return what it says alone: nothing can be asked of it any more, and it takes no room."""
@@ -137,7 +142,8 @@ class Round:
             source = self.asked.sources[leader]
             h = source if isinstance(source, Hypothesis) and not source.anonymous else None
             out.append(CausePlace(members, i, leader, blocks[leader].name, h,
-                                  all(m.family in misread for m in members)))
+                                  all(m.family in misread for m in members),
+                                  self.before is None or _name(h) in self.before))
         return tuple(out)
 
     def _leading(self, members: tuple[Member, ...], block: int) -> tuple[tuple[Member, ...], int]:
@@ -250,7 +256,7 @@ def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None)
             rounds[-1] = ask(last.fit, last.added, before=last)
             continue
         if len(rounds) == ROUNDS:
-            rounds[-1] = replace(last, given_up=(*last.given_up, UNSETTLED))
+            rounds[-1] = _unsettled(rounds)
             break
         try:
             machine, added = extended(fit.problem.mechanism, sized)
@@ -267,9 +273,27 @@ def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None)
     return rounds
 
 
+def _unsettled(rounds: Sequence[Round]) -> Round:
+    """Return the last of rounds that end before they agree; what only it found has no name.
+
+    Names alone count: rounds that differ by the rows of events agree.
+    """
+    now, *earlier = (frozenset(_name(p.hypothesis) for p in r.places if p.named)
+                     for r in rounds[-1:-3:-1])
+    before = earlier[0] if earlier else frozenset[object]()
+    if before == now:
+        return rounds[-1]
+    return replace(rounds[-1], given_up=(*rounds[-1].given_up, UNSETTLED), before=before)
+
+
+def _name(h: Hypothesis | None) -> object:
+    """Return what a cause is called, whatever its constants; None of what has no name."""
+    return None if h is None else (h.label, h.shared, h.names)
+
+
 def what_is_fitted(some: Iterable[Hypothesis]) -> frozenset[object]:
     """Return what a fit has with some hypotheses: constants that it finds itself do not count."""
-    return frozenset((h.label, h.shared, h.names) if between_points(h) else _key(h) for h in some)
+    return frozenset(_name(h) if between_points(h) else _key(h) for h in some)
 
 
 def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools],

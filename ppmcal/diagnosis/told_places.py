@@ -26,8 +26,12 @@ from ppmcal.inference.priors import SURE
 
 
 def unknown(what: Told, place: CausePlace) -> UnknownFound:
-    """Return what a place without a name looks like, and what may be there instead."""
-    mine = [m for m in place.members if m.family == UNKNOWN_FAMILY]
+    """Return what a place without a name looks like, and what may be there instead.
+
+    What did not settle looks like the likeliest.
+    """
+    mine = [m for m in place.members if m.family == UNKNOWN_FAMILY] if place.settled else list(
+        place.members[:1])
     others = [m for m in place.members if m not in mine]
     return UnknownFound(place.label, sum(m.probability for m in mine),
                         tuple(what.label(m) for m in others),

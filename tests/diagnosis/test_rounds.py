@@ -18,8 +18,10 @@ from ppmcal.diagnosis.extended_model import Sized, extended
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import Whitening
 from ppmcal.diagnosis.naming import nearest as _nearest
+from ppmcal.diagnosis.naming import told
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.refit import with_mechanism
+from ppmcal.diagnosis.told_places import unknown
 from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCause
 from ppmcal.errors import NoResult
 from ppmcal.inference import moves
@@ -169,6 +171,23 @@ def test_a_search_without_end_is_given_up_and_says_so(slipped: Fit,
     monkeypatch.setattr(moves, "SETS", 20)
     (only,) = explained(slipped, FitOptions(), ["zero_shift"])
     assert only.answer.ended and only.given_up == (explanation.ENDED, explanation.UNSETTLED)
+    # the fit with it was not asked: it is listed, with its probability, and has no name
+    assert only.verdict == "unnamed" and not any(p.named for p in only.places)
+    found = told(slipped, FitOptions(), ["zero_shift"])
+    listed = [unknown(found, p) for p in found.last.unnamed]
+    assert "zero_shift on leg3" in [u.looks_like for u in listed] and not found.effects
+    assert all(u.probability > 0.5 for u in listed)
+
+
+def test_rounds_that_do_not_agree_name_what_both_found() -> None:
+    """Whatever the rows of their events."""
+    backlash, unknown_one = answered((1.0, {0})), answered((0.9, {3}), (0.1, {0}))
+    agreed = explanation._unsettled([unknown_one, backlash, backlash])
+    assert agreed.given_up == () and agreed.verdict == "named"
+    for rounds in ([backlash, unknown_one, backlash], [backlash]):
+        last = explanation._unsettled(rounds)
+        assert last.given_up == (explanation.UNSETTLED,) and last.verdict == "unnamed"
+        assert [p.label for p in last.unnamed] == ["backlash 0"]
 
 
 @pytest.mark.parametrize("family", [f"cause {n}" for n in range(12)])
