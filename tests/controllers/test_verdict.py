@@ -11,8 +11,11 @@ from pathlib import Path
 import pytest
 from helpers.commands import ppmcal
 
+from ppmcal.commands.export.verdict import FitEvidence, verdict_of
 from ppmcal.controllers import loaded, own_words
 from ppmcal.io import read_mechanism
+from ppmcal.io.results.export import CommandErrors, ExportRecord
+from ppmcal.io.results.parts import ErrorSize
 
 SAMPLE = Path(__file__).parents[2] / "sample_data" / "printer" / "printer.cfg"
 
@@ -136,6 +139,34 @@ def test_a_fit_that_predicts_unseen_rows_no_better_is_refused(here: Path) -> Non
     assert not (here / "exported").exists()
     run = ppmcal("export", "klipper", "both", "--regardless", cwd=here, expect=1)
     assert run.out.startswith("Paste this: no;")
+
+
+@pytest.mark.slow
+def test_a_fit_of_rows_that_were_all_seen_has_to_miss_them_by_less(here: Path) -> None:
+    """As it does not where all that is left is taken for noise."""
+    path = here / "both" / "identification.json"
+    record = json.loads(path.read_text())
+    sizes = record["residual"]
+    sizes["holdout"] = {}
+    sizes["after"]["position"]["rms"] = 1.01 * sizes["before"]["position"]["rms"]
+    path.write_text(json.dumps(record))
+    run = ppmcal("export", "klipper", "both", cwd=here, expect=3)
+    assert "its own measurements no better than the machine did before it" in " ".join(
+        run.err.split())
+
+
+@pytest.mark.parametrize(("new", "unseen", "answer"), [
+    (0.5, None, "yes"), (0.99, None, "no"), (0.99, 0.1, "yes")])
+def test_numbers_that_promise_no_gain_are_not_to_be_pasted(
+        new: float, unseen: float | None, answer: str) -> None:
+    """Unless rows that the fit had not seen show one."""
+    record = ExportRecord(expected_before=CommandErrors(rms=1.0, unit="mm"),
+                          expected_after=CommandErrors(rms=new, unit="mm"))
+    known = FitEvidence(before=ErrorSize(rms=1.0, unit="mm"), there=True,
+                        unseen=ErrorSize(rms=unseen, unit="mm"))
+    verdict = verdict_of(record, known, ())
+    assert verdict["answer"] == answer
+    assert ("hardly anything to gain" in verdict["why"]) == (answer == "no")
 
 
 @pytest.mark.slow

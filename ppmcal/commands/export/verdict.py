@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from ppmcal.calibration.fit import WORTH
 from ppmcal.calibration.knowledge import FAR
 from ppmcal.controllers.export import Exported
 from ppmcal.controllers.pose_errors import MM
@@ -41,13 +42,14 @@ HARDLY = 0.3
 class FitEvidence:
     """What the measurements behind a model say of it.
 
-    ``before``, ``unseen``: errors of rows that a fit had not seen, of the machine before it and
-    with it, empty where none were kept out; ``size``: what is not known of the machine's size;
+    ``before``, ``after``: errors of rows of the machine before the fit and with it; ``unseen``: of
+    those that a fit had not seen, empty where none were kept out; ``size``: what is not known of the machine's size;
     ``far``: parameters that came out farther from nominal than tolerances allow, in words;
     ``what``: of which quantity rows are, where that is not the position that is predicted.
     """
 
     before: ErrorSize = field(default_factory=ErrorSize)
+    after: ErrorSize = field(default_factory=ErrorSize)
     unseen: ErrorSize = field(default_factory=ErrorSize)
     size: str = ""
     far: str = ""
@@ -65,10 +67,12 @@ def evidence_of(mechanism: Mechanism) -> FitEvidence:
     if own is None or own[2]:
         return FitEvidence()
     record, known = own[0], own[0].residual
-    kind = next((k for k in ("position", "rotation", *known.holdout) if k in known.holdout), "")
+    kinds = known.holdout or known.after
+    kind = next((k for k in ("position", "rotation", *kinds) if k in kinds), "")
     none = ErrorSize()
-    return FitEvidence(known.before.get(kind) or none, known.holdout.get(kind) or none,
-                    _size(record), _far(record), True, _quantities(record))
+    return FitEvidence(known.before.get(kind) or none, known.after.get(kind) or none,
+                       known.holdout.get(kind) or none, _size(record), _far(record), True,
+                       _quantities(record))
 
 
 def _far(record: IdentificationRecord) -> str:
@@ -116,14 +120,24 @@ def reasons_against(made: Exported, known: FitEvidence) -> Iterator[tuple[str, s
         yield (f"the new {made.title} numbers are worse than the old ones: {after / MM:.3g} mm rms "
                f"with them, {before / MM:.3g} mm without", "Keep the old ones")
     first, unseen = known.before, known.unseen
-    if is_known(first.rms) and is_known(unseen.rms) and (unseen.rms or 0.0) >= (first.rms or 0.0):
-        yield (f"the fit predicts measurements that it has not seen no better than the machine did "
-               f"before it: {unseen.rms:.3g} {unseen.unit} rms with it{unseen.of_rows}, "
-               f"{first.rms:.3g} {first.unit} without",
+    if not _better(known):
+        seen = not is_known(unseen.rms)
+        now = known.after if seen else unseen
+        which = "its own measurements" if seen else "measurements that it has not seen"
+        yield (f"the fit predicts {which} no better than the machine did before it: "
+               f"{now.rms:.3g} {now.unit} rms with it{now.of_rows}, {first.rms:.3g} {first.unit} "
+               "without",
                "Keep the old numbers; measure more poses, or ask `ppmcal diagnose` what is missing")
     if known.there and made.uncertainty.undetermined:
         yield ("the measurements leave the pose open all over the workspace",
                "Measure more, or give tolerances for what is not measured")
+
+
+def _better(known: FitEvidence) -> bool:
+    """Whether the fit predicts rows better than the machine before it did, unseen ones if any."""
+    now = known.unseen if is_known(known.unseen.rms) else known.after
+    first = known.before.rms
+    return not (is_known(first) and is_known(now.rms)) or now.rms < first
 
 
 def refuse_worse(made: Exported, known: FitEvidence, source: str, regardless: bool) -> list[Note]:
@@ -174,6 +188,9 @@ def verdict_of(record: ExportRecord, known: FitEvidence, warned: Sequence[str]) 
     if not known.there:
         return {"answer": NOT_JUDGED, "unchecked": unchecked,
                 "why": f"no calibration of this model lies beside it; {why}"}
+    if _idle(record, known):
+        return {"answer": "no", "why": f"there is hardly anything to gain; {why}",
+                "unchecked": unchecked}
     if known.far:
         return {"answer": "only after a check", "unchecked": unchecked,
                 "why": f"the machine comes out farther from nominal than tolerances allow; {why}"}
@@ -184,6 +201,13 @@ def verdict_of(record: ExportRecord, known: FitEvidence, warned: Sequence[str]) 
         return {"answer": "only in part", "unchecked": unchecked,
                 "why": f"{why}; {record.called} cannot express: {lost[0]}{more}"}
     return {"answer": "yes", "why": why, "unchecked": unchecked}
+
+
+def _idle(record: ExportRecord, known: FitEvidence) -> bool:
+    """Whether the promise is hardly better than that of the old numbers, and no row shows more."""
+    old, new = record.expected_before.rms, record.expected_after.rms
+    return (is_known(old) and is_known(new) and new > (1.0 - WORTH) * old
+            and not is_known(known.unseen.rms))
 
 
 def _costs(entry: NotExpressedEntry, expected: CommandErrors) -> bool:
