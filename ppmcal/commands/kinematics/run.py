@@ -30,6 +30,7 @@ from ppmcal.io import csv_text, read_joints, read_poses, twists
 from ppmcal.io.grid import read_point
 from ppmcal.io.pose_fields import check_convention
 from ppmcal.io.poses import Given
+from ppmcal.io.results.beside_model import of_other_values
 from ppmcal.io.results.kinematics import (
     COVARIANCE,
     LOCKED,
@@ -44,7 +45,6 @@ from ppmcal.io.results.kinematics import (
     solved_sentence,
 )
 from ppmcal.io.results.knowledge import KNOWLEDGE, knowledge_of, read_identification
-from ppmcal.io.results.beside_model import of_other_values
 from ppmcal.io.results.tables import joint_columns
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import shifted
