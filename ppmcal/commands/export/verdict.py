@@ -43,9 +43,9 @@ class FitEvidence:
     """What the measurements behind a model say of it.
 
     ``before``, ``after``: errors of rows of the machine before the fit and with it; ``unseen``: of
-    those that a fit had not seen, empty where none were kept out; ``size``: what is not known of the machine's size;
-    ``far``: parameters that came out farther from nominal than tolerances allow, in words;
-    ``what``: of which quantity rows are, where that is not the position that is predicted.
+    those that a fit had not seen, empty where none were kept out; ``size``: what is not known of
+    the machine's size; ``far``: parameters that came out farther from nominal than tolerances
+    allow, in words; ``what``: the quantity of the rows if it is not the predicted position.
     """
 
     before: ErrorSize = field(default_factory=ErrorSize)
