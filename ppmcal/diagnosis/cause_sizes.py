@@ -18,7 +18,7 @@ from ppmcal.inference.ranges import SIZES
 from ppmcal.linalg import Array, Bools
 
 LINEAR = 0.1
-"""Added effects count as linear if their linearisation errs by at most this times the noise, rms."""
+"""Added effects count as linear if linearisation errs by at most this times the noise, rms."""
 
 
 def sizes(asked: Asked, at: BlockSet) -> list[Sized]:
@@ -99,7 +99,7 @@ def between_points(h: Hypothesis) -> bool:
 
 
 class CauseSizes:
-    """How far causes are from their linearisation at a fit; ``known`` families are fitted already."""
+    """How far causes are from their linearisation at a fit; ``known`` ones are fitted already."""
 
     def __init__(self, fit: Fit, keep: Sequence[Bools], asked: Asked, known: Container[str]
                  ) -> None:

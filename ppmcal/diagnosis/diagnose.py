@@ -145,5 +145,5 @@ def _learned(what: Told, held: HeldOut, final: Fit, options: DiagnosisOptions, n
     if held.verdict not in LEARNED_AFTER or not final.converged:
         return None
     start_stage("learning the remaining residuals")
-    return secondary("what is left, learned", partial(
+    return secondary("the learned terms", partial(
         learned_beyond, what.last, held.found, held.named, final, held.poses, options), None, notes)

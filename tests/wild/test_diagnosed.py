@@ -80,7 +80,7 @@ def test_directions_that_are_inverted_in_a_part_of_the_rows(tmp_path: Path) -> N
     assert mistake.columns[0].startswith("dir_")
     assert mistake.rows[0] <= 3
     assert abs(mistake.rows[-1] - 48) <= 3
-    assert "another sign than in the other rows" in str(refused.value)
+    assert "the opposite sign to the other rows" in str(refused.value)
 
 
 @pytest.mark.long
