@@ -15,7 +15,7 @@ from ppmcal.linalg import Array
 from ppmcal.model.effects import GEOMETRY, EffectKind, Shift
 from ppmcal.model.parameters import is_joint_component
 
-UNLIKE = ", not the same in all sessions"
+UNLIKE = ", different between sessions"
 
 
 @dataclass(frozen=True)

@@ -125,7 +125,7 @@ def at_nominal(system: System, added: Sequence[int] = ()) -> tuple[Array, Array]
 
 
 def _of_frames(problem: Problem, flat: Array, scale: Array, rest: Sequence[int]) -> Array:
-    """Return the effect of errors in the parameters that define the frames (N m, G), one sigma each.
+    """Return the effects of errors in parameters that define the frames (N m, G), one sigma each.
 
     ``flat``: columns ``rest`` of the Jacobian, in units of ``scale``, those of parameters first.
     """

@@ -42,9 +42,10 @@ class Series:
     """Mean errors in bins of one input, with half of their 95 % intervals.
 
     ``effect``: index into the diagnosis's effects, None if nothing was named. ``role``: ``effect``
-    or ``recorded``. The errors are those of the joints ``on`` or, without joints, of the measured
-    ``coordinate``, in ``unit``; ``input``: ``direction``, ``load``...; ``which``: its component or
-    actuator; ``x`` and, for a folded input, ``period`` are in ``input_unit``; ``names``: of classes.
+    or ``recorded`` (``left`` in older files). The errors are those of the joints ``on`` or, without
+    joints, of the measured ``coordinate``, in ``unit``; ``input``: ``direction``, ``load``...;
+    ``which``: its component or actuator; ``x`` and, for a folded input, ``period`` are in
+    ``input_unit``; ``names`` are those of classes.
     """
 
     effect: int | None

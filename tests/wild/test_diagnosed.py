@@ -54,7 +54,7 @@ def test_what_wanders_in_time_is_no_row_of_events(tmp_path: Path, case: str, mac
     """A stand that sways, a leg that settles: two or three steps make it up."""
     found = diagnosed(tmp_path, case, machine, seed).record
     assert found.verdict == "unnamed"
-    assert found.unknown and all(u.looks_like.startswith(("a slow course", "a start-up transient"))
+    assert found.unknown and all(u.looks_like.startswith(("a slow drift", "a start-up transient"))
                                  for u in found.unknown)
 
 
