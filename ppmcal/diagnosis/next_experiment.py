@@ -119,7 +119,7 @@ def propose(stage: Linearisation, a: Hypothesis, b: Hypothesis, odds: float, see
         needed["time"] = after_last(seen[np.isfinite(seen)], len(rows))
     pose = pose_vector(pose_motor(np.nan_to_num(np.concatenate(
         [data.position, data.rotation], axis=1)[rows])))
-    reason = f"{pluralize(len(picked), 'measurement')} to separate {label}"
+    reason = f"{pluralize(len(picked), 'measurement')} that would separate {label}"
     measured = np.concatenate([d.q for d in stage.system.problem.datasets])
     # neither has been observed out there: expect them to separate, but not by how much
     if np.any((data.q[rows] < measured.min(axis=0)) | (data.q[rows] > measured.max(axis=0))):

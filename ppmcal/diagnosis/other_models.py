@@ -55,7 +55,7 @@ def readings(what: Told, terms: LearnedTerms | None, options: DiagnosisOptions,
                 continue
             if (sized and not fit.converged) or outside(fit.problem, fit.state):
                 notes.append(left_out_note(f"the machine with {label} (" + (
-                    "implausible sizes)" if fit.converged else "its fit did not converge)")))
+                    "sizes are implausible)" if fit.converged else "its fit did not converge)")))
                 continue
             named = place.hypothesis.label if place.hypothesis is not None else ""
             kept = [h.label for h in what.hypotheses(member)]

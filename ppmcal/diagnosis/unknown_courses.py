@@ -17,7 +17,7 @@ from ppmcal.linalg import Array
 from ppmcal.model.effects import Shift
 from ppmcal.model.effects.setting import PLACE
 
-ALL_ZEROS = "the zeros of all joints"
+ALL_ZEROS = "all zeros"
 WAVES = 24
 """Half waves of a drift in time; for a body, in all coordinates at once, half as many."""
 RESTS = (*FINER, *LENGTHS[:3])

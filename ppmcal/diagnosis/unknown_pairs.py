@@ -98,8 +98,7 @@ def _products(first: Array, second: Array) -> Array:
 
 
 def _over_places(seen: Visible, condition: PairInput, acted: Sequence[Acted]) -> Iterator[Made]:
-    """Yield errors of a coordinate that are linear in place, with a slope depending on a condition.
-    """
+    """Yield errors of a coordinate that are linear in place, with condition-dependent slopes."""
     values = np.concatenate(condition.values)
     found, where = condition.basis(PAIRED[0], values), bends(where_it_is(seen), 1)
     if found is None or not where.size:

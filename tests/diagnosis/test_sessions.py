@@ -167,7 +167,7 @@ def test_what_differs_between_sessions_names_its_own_actuator(
     monkeypatch.setattr(session_effects, "session_effects", lambda fit, named: differs)
     fit = SimpleNamespace(problem=SimpleNamespace(mechanism=mechanism))
     _, told = session_effects.with_sessions(fit, effects)
-    assert [t.partition(" is not")[0] for t in told] == ["gain on leg1", "gain on leg2"]
+    assert [t.partition(" differs")[0] for t in told] == ["gain on leg1", "gain on leg2"]
 
 
 @pytest.mark.slow
