@@ -76,7 +76,7 @@ class _WhiteRows:
         return best, size[np.arange(len(best)), best]
 
     def without(self, kind: Ints) -> tuple[Array, Array]:
-        """Return J (N, m, C) and y (N, m) with the direction of each row's reading projected out."""
+        """Return J (N, m, C) and y (N, m) without each row's reading direction."""
         x = np.where((kind >= 0)[:, None], self.along[np.arange(len(kind)), :, kind], 0.0)
         return (self.jacobian - x[..., None] * (x[:, None] @ self.jacobian),
                 self.y - x * np.sum(x * self.y, axis=1, keepdims=True))

@@ -1,8 +1,8 @@
-"""Spatial limbs that also keep the platform from turning: fewer joints, or parallel axes.
+"""Spatial limbs that also constrain the platform's rotation: fewer joints, or parallel axes.
 
-``joint1`` ... count the joints of the name; the frames of those that no body but the limb itself
-carries, such as the slide of a U(P)U, are taken as made true: these limbs have none for them.
-A universal joint's first axis is fixed to the body that carries it, the second is square to it.
+``joint1`` ... number the joints in the name; joints within the limb itself, such as the slide of a
+U(P)U, are taken as exact and have no frames. A universal joint's first axis is fixed to the body
+that carries it, the second is perpendicular to it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _ON_AXIS = Chain((_BASE, align("base.axis"), joint(1)))
 
 
 def _platform(number: int) -> Chain:
-    """Return the chain to a joint whose axis the platform carries."""
+    """Return the chain to a joint whose axis is fixed to the platform."""
     return Chain((_POINT, align("platform.axis"), joint(number)))
 
 
