@@ -40,7 +40,7 @@ class Limit:
     def error(self, place: str, found: str = "") -> BadInput:
         """Return the error for exceeding the limit at ``place``."""
         has = f"has {found} {self.what}" if found else f"has too many {self.what}"
-        return BadInput(f"{has}, and {grouped(self.most)} are the limit", place, self.hint)
+        return BadInput(f"{has}; the limit is {grouped(self.most)}", place, self.hint)
 
 
 def grouped(number: int) -> str:
