@@ -89,7 +89,7 @@ def unknown(what: str, name: object, allowed: Iterable[object], where: str = "")
         lower = {n.lower(): n for n in names}
         near = [lower[m] for m in difflib.get_close_matches(str(name).lower(), lower, 1, 0.5)]
     hint = f" Did you mean '{near[0]}'?" if near else ""
-    known = f"Allowed: {', '.join(names)}." if names else "There is none here."
+    known = f"Allowed: {', '.join(names)}." if names else "There are none here."
     return BadInput(f"unknown {what} '{name}'", where, known + hint)
 
 

@@ -77,7 +77,7 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     refuse_misread(what.last)
     held = held_out(what, options, notes)
     found, named = held.found, held.named
-    if not what.last.rows:  # the excess that led to rejected rows was not explained
+    if not what.last.rows:  # rows left out as outliers show that geometry does not fit everything
         refuse_unredundant(found)
     final, events = _with_events(what.fit, options, notes) if named else (whole, {})
     own = with_onsets(effects(what, found.last), events) if named else ()

@@ -25,9 +25,9 @@ LOST = 1.0
 
 @dataclass(frozen=True)
 class RowSize:
-    """An outlying row: the number of its size, its log odds over all sizes, and the gain by that.
+    """An outlying row at one size: its number, and the row's log odds over all sizes.
 
-    Given everything else in the conditioning.
+    ``slack``: excess of these over the log odds at that size. Conditional on everything else taken.
     """
 
     size: int
