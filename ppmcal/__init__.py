@@ -9,13 +9,13 @@ One function per command, loaded on first use (``import ppmcal`` loads neither N
 >>> fit.converged
 True
 
-Files, data frames, mappings of columns and arrays are taken alike; tables are in the units of
-the mechanism file, attributes of results in SI. Every result has ``save(folder)``, ``to_frame()``
-and ``findings``. Refusals are :class:`BadInput` and :class:`NoResult`; their texts name file,
-place and hint.
+Files, data frames, mappings of columns and arrays are all accepted; tables use the units of the
+mechanism file, attributes of results SI. Every result has ``save(folder)``, ``to_frame()`` and
+``findings``. Errors are :class:`BadInput` and :class:`NoResult`; their messages give the file, the
+place in it and a hint.
 """
 
-TYPE_CHECKING = False    # modules take milliseconds to load, in which Ctrl-C is a traceback
+TYPE_CHECKING = False    # importing typing takes milliseconds in which Ctrl-C gives a traceback
 if TYPE_CHECKING:
     from typing import Any
 
@@ -23,7 +23,7 @@ __version__ = "0.3.0"
 
 _HOME = {"BadInput": "errors", "NoResult": "errors", "PpmcalError": "errors",
          "load": "commands.inputs", "read_data": "commands.inputs", "shipped": "commands.inputs"}
-"""Where names are that are of no command."""
+"""Modules of the public names that are not commands."""
 
 
 def __getattr__(name: str) -> "Any":
@@ -35,7 +35,7 @@ def __getattr__(name: str) -> "Any":
         return sorted([*_HOME, *importlib.import_module(f"{__name__}.commands").functions()])
     if name in _HOME:
         return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
-    # `from ppmcal import linalg` asks here first; no command has a room's name in Python
+    # `from ppmcal import linalg` comes here first; no command shares a submodule's name
     room = any(os.path.exists(os.path.join(place, name + end)) for place in __path__
                for end in ("", ".py"))
     if name.startswith("_") or room or name not in importlib.import_module(

@@ -1,16 +1,16 @@
-"""The codec: dataclasses to and from JSON, and their JSON Schema, by their annotations alone.
+"""The codec: dataclasses to and from JSON, and their JSON Schema, from their annotations alone.
 
-A finding is one frozen dataclass, where it is computed. What its numbers are stands in its
-annotations (:class:`ppmcal.units.Quantity`): :func:`in_units` brings them from SI into the units of
-a file, :func:`encoded` writes them, :func:`decoded` reads them again with file, place and hint,
-:func:`schema` describes them.
+A result is one frozen dataclass, defined where it is computed. Annotations
+(:class:`ppmcal.units.Quantity`) give the quantities of its numbers: :func:`in_units` converts them
+from SI to the units of a file, :func:`encoded` writes them, :func:`decoded` reads them back with
+file, place and hint in errors, :func:`schema` describes them.
 
-A file may be cut off, edited by hand or written by another version: keys that are missing or
-unknown pass, and so does null, which counts as missing where a field knows no null; a value of the
-wrong kind is refused with file and place. An object that exists for a few numbers is no class of
-its own: a field's key may be a path, ``limit.position``, into it. A class whose file is not its
-fields in their order names what is written in ``KEYS: ClassVar``; cached properties may be among
-these, which of what is read are as the file has them.
+A file may be truncated, edited by hand or written by another version: missing and unknown keys are
+accepted, and so is null, which counts as missing where a field does not allow it; a value of the
+wrong type is rejected with file and place. An object for a few numbers needs no class of its own:
+a field's key may be a path into it, ``limit.position``. A class that does not write its fields in
+their order lists its keys in ``KEYS: ClassVar``; these may include cached properties, which keep
+the file's values when read.
 """
 
 from __future__ import annotations
@@ -50,10 +50,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Field:
-    """A field of a class: its name, key in a file, how it is read, default, and quantity.
+    """A field of a class: its name, key in a file, reader, default, and quantity.
 
-    ``key``: with a dot that of an object and the key within it, which is null where the field is
-    None and ``whole`` says so.
+    ``key``: with a dot, the key of an object and the key within it; ``whole``: the object is null
+    where the field is None.
     """
 
     name: str
@@ -89,7 +89,7 @@ def _shape(kind: Any) -> tuple[Field, ...]:
 
 @cache
 def _objects(kind: Any) -> dict[str, str]:
-    """Return the keys of objects into which fields of a class go, and by which they are null."""
+    """Return the keys of nested objects, each with the key whose null makes it null, or ""."""
     inner = [f for f in shape(kind) if "." in f.key]
     return {f.key.partition(".")[0]: "" for f in inner} | {
         f.key.partition(".")[0]: f.key for f in inner if f.whole}
@@ -97,14 +97,14 @@ def _objects(kind: Any) -> dict[str, str]:
 
 @cache
 def _unwritten(kind: Any) -> dict[str, Any]:
-    """Return what fields that are not written are where one is read: their default or None."""
+    """Return the values, after reading, of fields that are not written: default or None."""
     written = {f.name for f in shape(kind)}
     return {f.name: None if f.default is dataclasses.MISSING else f.default
             for f in dataclasses.fields(kind) if f.name not in written}
 
 
 def _flat(objects: Mapping[str, str], data: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return data with what is in ``objects`` under ``object.key``."""
+    """Return data with the contents of ``objects`` under ``object.key``."""
     out: Json = {} if objects else data    # type: ignore[assignment]
     for key, value in data.items() if objects else ():
         if key not in objects or value is None:
@@ -117,7 +117,7 @@ def _flat(objects: Mapping[str, str], data: Mapping[str, Any]) -> Mapping[str, A
 
 
 def _nested(objects: Mapping[str, str], flat: Json) -> Json:
-    """Return data with what is under ``object.key`` in its object."""
+    """Return data with each ``object.key`` moved into its object."""
     out: Json = {}
     for key, value in flat.items():
         name, _, inner = key.partition(".")
@@ -139,7 +139,7 @@ def _marks(hint: Any) -> tuple[Any, ...]:
 
 
 def reader_of(hint: Any) -> Reader:
-    """Return how what an annotation says is read.
+    """Return the reader of an annotation.
 
     Raises:
         TypeError: JSON cannot hold it.
@@ -167,7 +167,7 @@ def reader_of(hint: Any) -> Reader:
 
 
 def reader_of_class(kind: Any) -> Reader:
-    """Return how an object of a dataclass is read; it knows which keys were there, and others."""
+    """Return the reader of a dataclass; the object records the keys given and unknown ones."""
     def read(value: Any, bounded: bool) -> Any:
         if isinstance(value, kind):
             return value
@@ -219,17 +219,17 @@ def _described(kind: type, known: Json) -> Json:
 
 
 def schema(kind: type) -> Json:
-    """Return the JSON Schema of what a class reads and writes."""
+    """Return the JSON Schema of a class."""
     known: Json = {}
     own = _described(kind, known)
     return {"$defs": dict(sorted(known.items())), **own} if known else own
 
 
 def decoded(kind: type[T], data: Any, path: Path, hint: str = AGAIN) -> T:
-    """Return plain data, read from a file, as a class.
+    """Return plain data from a file as an object of a class.
 
     Raises:
-        BadInput: a value of another kind.
+        BadInput: a value of the wrong type.
     """
     try:
         found: T = reader_of_class(kind).read(data, True)
@@ -239,13 +239,13 @@ def decoded(kind: type[T], data: Any, path: Path, hint: str = AGAIN) -> T:
 
 
 def unsaid(kind: type[T]) -> T:
-    """Return a finding that a file says nothing about."""
+    """Return an object of a class as if read from a file without any of its keys."""
     found: T = reader_of_class(kind).read({}, False)
     return found
 
 
 def encoded(value: Any, whole: bool = False) -> Any:
-    """Return what JSON can hold; where keys were given or read those alone, or the ``whole``."""
+    """Return data that JSON can hold; of an object that was read only the keys given, or all."""
     if type(value) is float or type(value) is str:    # most are
         return plain(value)
     if dataclasses.is_dataclass(value):
@@ -262,10 +262,10 @@ def encoded(value: Any, whole: bool = False) -> Any:
 
 
 def in_units(value: T, units: Units) -> T:
-    """Return a finding, SI, in the units of a file; what is in them already stays as it is.
+    """Convert a result from SI to the units of a file; one already read from a file is unchanged.
 
-    It is what will be read again. A field that says of what quantity others are
-    (:attr:`Quantity.of`) then says their unit.
+    The result equals what will be read back. A field that names the quantity of others
+    (:attr:`Quantity.of`) then names their unit.
     """
     if isinstance(value, tuple):
         return tuple(in_units(v, units) for v in value)  # type: ignore[return-value]
@@ -280,7 +280,7 @@ def in_units(value: T, units: Units) -> T:
 
 
 def fields_in_units(kind: Any, there: Mapping[str, Any], units: Units) -> Json:
-    """Return those fields of a class that are ``there``, SI, in the units of a file."""
+    """Return the fields of a class that are ``there``, converted from SI to file units."""
     changed: Json = {}
     fields = {f.name: f for f in shape(kind)}
     for f in fields.values():
@@ -301,10 +301,10 @@ def fields_in_units(kind: Any, there: Mapping[str, Any], units: Units) -> Json:
 
 
 def in_si(value: T, units: Units) -> T:
-    """Return a finding, read in the units of a file, SI: its arrays, and what else has a quantity.
+    """Convert a result read in file units to SI: its arrays and all fields with a quantity.
 
     Raises:
-        ValueError: rows of an array that are not alike, or not as long as what they are of.
+        ValueError: array rows differ in length, or do not match their quantities.
     """
     if isinstance(value, tuple):
         return tuple(in_si(v, units) for v in value)  # type: ignore[return-value]
@@ -327,7 +327,7 @@ def in_si(value: T, units: Units) -> T:
 
 
 def _along(values: Array, quantity: Quantity, factors: list[float], back: bool) -> Array:
-    """Return an array (..., n) whose last axis has these ``factors``, in file units or ``back``."""
+    """Convert an array (..., n) to file units by the factors of its last axis, or ``back``."""
     factor = np.outer(factors, factors) if quantity.square else np.array(factors)
     if not values.size and not quantity.square:
         return values

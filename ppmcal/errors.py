@@ -1,10 +1,10 @@
-"""One family of errors: what is wrong, where it stands, and how to correct it.
+"""One family of errors: what is wrong, where it is, and how to correct it.
 
-Every refusal of the program is a :class:`PpmcalError`; the command line turns it into one
-message and an exit code. Code that looks something up by name uses :func:`unknown`, so
-that every message lists what would be allowed and the nearest match. What a signal must not
-interrupt, such as taking a lock and noting it, stands in :func:`uninterrupted`; what it may
-interrupt, but not leave behind, in :func:`cleaned_up`.
+Every error that the program raises is a :class:`PpmcalError`; the command line turns it into one
+message and an exit code. Code that looks something up by name uses :func:`unknown`, so that every
+message lists the allowed names and the nearest match. Code that a signal must not interrupt, such
+as taking a lock and recording it, runs in :func:`uninterrupted`; code that a signal may interrupt
+but that must still clean up runs in :func:`cleaned_up`.
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ import threading
 from collections.abc import Collection, Iterable, Iterator
 
 LONGEST = 4000
-"""Characters of each part of a message; of a longer one the middle is left out."""
+"""Maximum characters of each part of a message; a longer part loses its middle."""
 
 
 class PpmcalError(Exception):
-    """Base of all errors that a user can cause or meet.
+    """Base of all errors that a user can cause or encounter.
 
     Args:
         what: the problem, one sentence.
         where: file and place in it (``bench.yaml: limbs.leg1.base``), empty if none.
-        hint: what to do about it, one sentence, empty if it is plain from ``what``.
+        hint: what to do about it, one sentence; empty if ``what`` makes it obvious.
     """
 
     exit_code = 2
 
     def __init__(self, what: str, where: str = "", hint: str = "") -> None:
-        """Store the three parts; ``str(error)`` joins them to one message."""
+        """Store the three parts; ``str(error)`` joins them into one message."""
         self.what, self.where, self.hint = map(_shown, (what, where, hint))
         what, where, hint = self.what, self.where, self.hint
         parts = [f"{where}: {what}" if where else what]
@@ -46,17 +46,17 @@ class PpmcalError(Exception):
 
 
 def _shown(text: str) -> str:
-    """Return a part of a message as it can be shown, without the middle of a long one."""
+    """Return a part of a message in printable form, a long one without its middle."""
     if len(text) > LONGEST:
         text = f"{text[:LONGEST // 2]} ... {text[-LONGEST // 2:]}"
     return printable(text)
 
 
 def printable(text: str, raw: bool = False) -> str:
-    """Return text that no terminal obeys: names out of files may hold anything.
+    """Return text that is safe to print: names from files may contain anything.
 
-    Control characters would steer the terminal, halves of a surrogate pair cannot be written.
-    With ``raw`` those stay that stand for bytes of a file's name, for a stream that writes them.
+    Control characters would act on the terminal; lone surrogates cannot be encoded. ``raw`` keeps
+    surrogates that stand for bytes of a file name, for streams that can write them.
     """
     if text.isprintable():
         return text
@@ -69,15 +69,15 @@ class BadInput(PpmcalError):
 
 
 class NoResult(PpmcalError):
-    """The numbers could not be had: singular or not converged (exit code 3)."""
+    """The result could not be computed: singular or not converged (exit code 3)."""
 
     exit_code = 3
 
 
 class LinearAlgebraError(NoResult):
-    """A linear system or decomposition that could not be had (exit code 3).
+    """A linear system or decomposition that could not be computed (exit code 3).
 
-    Raised in :mod:`ppmcal.linalg` alone: no other module calls a solver.
+    Raised only in :mod:`ppmcal.linalg`: no other module calls a solver.
     """
 
 
@@ -89,13 +89,13 @@ def unknown(what: str, name: object, allowed: Iterable[object], where: str = "")
         lower = {n.lower(): n for n in names}
         near = [lower[m] for m in difflib.get_close_matches(str(name).lower(), lower, 1, 0.5)]
     hint = f" Did you mean '{near[0]}'?" if near else ""
-    known = f"Allowed: {', '.join(names)}." if names else "There is none here."
+    known = f"Allowed: {', '.join(names)}." if names else "There are none here."
     return BadInput(f"unknown {what} '{name}'", where, known + hint)
 
 
 def refuse_unknown(what: str, names: Iterable[object], allowed: Collection[object], where: str = ""
                    ) -> None:
-    """Refuse the first of the names that is not in ``allowed``.
+    """Raise an error for the first name that is not in ``allowed``.
 
     Raises:
         BadInput: as :func:`unknown`.
@@ -106,7 +106,7 @@ def refuse_unknown(what: str, names: Iterable[object], allowed: Collection[objec
 
 
 class _Uninterrupted(threading.local):
-    """Blocks that this thread is in, and the signal that waits for their end."""
+    """How many nested blocks this thread is in, and the signal pending until they end."""
 
     depth = 0
     waiting: int | None = None
@@ -117,7 +117,7 @@ _blocks = _Uninterrupted()
 
 @contextlib.contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Keep signals that end the process until the block is over, where handlers ask first."""
+    """Defer signals that end the process to the end of the block, if handlers check first."""
     _blocks.depth += 1
     try:
         yield
@@ -130,7 +130,7 @@ def uninterrupted() -> Iterator[None]:
 
 
 def has_to_wait(number: int) -> bool:
-    """Whether a signal came in an uninterrupted block; its handler is then called after it."""
+    """Whether a signal arrived in an uninterrupted block; it is then raised again afterwards."""
     if _blocks.depth:
         _blocks.waiting = number
     return _blocks.depth > 0
@@ -141,7 +141,7 @@ _to_clean_up = 0
 
 @contextlib.contextmanager
 def cleaned_up() -> Iterator[None]:
-    """Say that the end of the block cleans up: until then, handlers must not end the process."""
+    """Mark a block whose end cleans up: until then, handlers must not end the process."""
     global _to_clean_up
     _to_clean_up += 1
     try:
@@ -151,5 +151,5 @@ def cleaned_up() -> Iterator[None]:
 
 
 def has_to_clean_up() -> bool:
-    """Whether leaving at once would leave something behind: half a folder, a lock, processes."""
+    """Whether exiting at once would leave something behind: half a folder, a lock, processes."""
     return _to_clean_up > 0

@@ -1,4 +1,4 @@
-"""Names of a package that are loaded on first use, so that a command loads what it needs."""
+"""Package names that are loaded on first use, so that a command loads only what it needs."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from typing import Any
 
 
 def on_first_use(package: str) -> Callable[[str], Any]:
-    """Return the ``__getattr__`` of a package: it loads what type checkers see imported there.
+    """Return the ``__getattr__`` of a package: it loads the names imported for type checkers.
 
-    The package says once what it has: below ``if TYPE_CHECKING:``, each ``from m import A as A``.
+    The package lists its names once, below ``if TYPE_CHECKING:``, as ``from m import A as A``.
     """
     def load(name: str) -> Any:
         home = _homes(str(sys.modules[package].__file__)).get(name)
@@ -29,7 +29,7 @@ def on_first_use(package: str) -> Callable[[str], Any]:
 
 @cache
 def _homes(path: str) -> dict[str, str]:
-    """Return in which module each name is that a file imports for type checkers alone."""
+    """Return the module of each name that a file imports for type checkers only."""
     tree = ast.parse(Path(path).read_text(encoding="utf-8"))
     return {alias.name: str(node.module) for block in tree.body if isinstance(block, ast.If)
             and isinstance(block.test, ast.Name) and block.test.id == "TYPE_CHECKING"

@@ -1,7 +1,7 @@
-"""What is too large: stated once, checked while reading, before memory is spent on it.
+"""Size limits: stated once, checked while reading, before memory is allocated.
 
-A file beyond a limit is refused with the limit and the way round it; a million good rows are far
-from any of them. The tables of ``docs/trust.md`` are made from :data:`FILE_LIMITS` and
+A file beyond a limit is rejected with the limit and a way round it; a million good rows are well
+within all limits. The tables of ``docs/trust.md`` are generated from :data:`FILE_LIMITS` and
 :data:`ASKED_LIMITS`.
 """
 
@@ -14,13 +14,13 @@ from ppmcal.errors import BadInput
 
 @dataclass(frozen=True)
 class Limit:
-    """A largest number of something, and what to do where there is more.
+    """The largest accepted number of something, and what to do about more.
 
     Attributes:
-        most: the largest number that is taken.
-        what: of what, in the plural.
-        hint: the way round it, one sentence.
-        where: in which files or options it counts.
+        most: the largest accepted number.
+        what: what is counted, in the plural.
+        hint: a way round the limit, one sentence.
+        where: the files or options to which the limit applies.
     """
 
     most: int
@@ -29,7 +29,7 @@ class Limit:
     where: str
 
     def refuse(self, found: int, place: str) -> None:
-        """Refuse more than is taken.
+        """Raise an error above the limit.
 
         Raises:
             BadInput: ``found`` is above the limit.
@@ -38,13 +38,13 @@ class Limit:
             raise self.error(place, grouped(found))
 
     def error(self, place: str, found: str = "") -> BadInput:
-        """Return the refusal of what is above the limit at ``place``."""
+        """Return the error for exceeding the limit at ``place``."""
         has = f"has {found} {self.what}" if found else f"has too many {self.what}"
-        return BadInput(f"{has}, and {grouped(self.most)} are the limit", place, self.hint)
+        return BadInput(f"{has}; the limit is {grouped(self.most)}", place, self.hint)
 
 
 def grouped(number: int) -> str:
-    """Return a whole number with its thousands set apart: ``2,000,000``."""
+    """Return a whole number with thousands separators: ``2,000,000``."""
     return f"{number:,}" if abs(number) < 10 ** 15 else f"over 10^{len(str(abs(number))) - 1}"
 
 
@@ -88,13 +88,13 @@ FOLDERS = Limit(50_000, "folders within", "Name the folder of the results itself
 FILE_LIMITS = (TABLE_BYTES, TABLE_ROWS, TABLE_COLUMNS, TABLE_CELLS, LINE_BYTES, CELL_SIZE,
                UNPACKED_BYTES, BAG_BYTES, CONFIG_BYTES, YAML_BYTES, YAML_NODES, YAML_DEPTH,
                JSON_BYTES, JSON_NODES, JSON_DEPTH)
-"""Limits of what a file holds."""
+"""Limits on the contents of files."""
 ASKED_LIMITS = (POSES, SIMULATED_ROWS, GRID_POSES, FOLDERS)
-"""Limits of what is asked for."""
+"""Limits on requests: scenarios, grids, folders."""
 
 
 def refuse_long_lines(data: bytes, source: str) -> None:
-    """Refuse a text with more lines, or a longer one, than are taken; line ends are newlines.
+    """Reject a text with too many lines or too long a line; line ends are newlines.
 
     Raises:
         BadInput: with the line.
@@ -102,7 +102,7 @@ def refuse_long_lines(data: bytes, source: str) -> None:
     TABLE_ROWS.refuse(data.count(b"\n"), source)
     start, stop, most = 0, len(data), LINE_BYTES.most
     while start + most < stop:
-        # from line to line in steps as long as a line may be
+        # advance to the last line end within the longest line allowed
         end = data.rfind(b"\n", start, start + most + 1)
         if end < 0:
             line = data.count(b"\n", 0, start) + 1
@@ -112,7 +112,7 @@ def refuse_long_lines(data: bytes, source: str) -> None:
 
 
 def refuse_shape(rows: int, columns: int, source: str) -> None:
-    """Refuse a table with more rows, columns or cells than are taken.
+    """Reject a table with too many rows, columns or cells.
 
     Raises:
         BadInput: with the number that is too large.

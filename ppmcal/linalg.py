@@ -1,7 +1,7 @@
 """Linear algebra that several packages need: array types, ranges, rotations, rows in use.
 
-Every solver and decomposition of the program is called here and nowhere else: what cannot be had is
-one refusal, :class:`ppmcal.errors.LinearAlgebraError`, that says what was to be had and why not.
+Every solver and decomposition of the program is called here and nowhere else: any failure raises
+:class:`ppmcal.errors.LinearAlgebraError`, which says what could not be computed and why.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 LinAlgError = np.linalg.LinAlgError
-"""What NumPy and SciPy raise where nothing here stands between: for those who have to catch it."""
+"""NumPy's and SciPy's own error, for code that has to catch it."""
 
 
 def finite_rows(rows: Array) -> Bools:
-    """Return which rows of (N, m) hold a number everywhere (N,).
+    """Return which rows of (N, m) are finite throughout (N,).
 
     >>> finite_rows(np.array([[1.0, 2.0], [np.nan, 3.0]])).tolist()
     [True, False]
@@ -38,29 +38,29 @@ TOO_FEW = "Look for poses that are all alike, or near a singularity of the machi
 
 
 def _not_finite(what: str) -> NoReturn:
-    raise LinearAlgebraError(f"{what} could not be had: a number on the way is beyond any size, or "
-                             "none at all", hint=TOO_FAR)
+    raise LinearAlgebraError(f"{what} could not be computed: an intermediate value is infinite or "
+                             "not a number", hint=TOO_FAR)
 
 
 def finite(what: str, *matrices: Array) -> None:
-    """Refuse matrices that hold anything but numbers.
+    """Reject matrices with entries that are not finite.
 
     Raises:
-        LinearAlgebraError: with ``what`` was to be had.
+        LinearAlgebraError: naming ``what`` was to be computed.
     """
     for matrix in matrices:
-        # the sum of squares is quick to make, and finite only where all numbers are
+        # the sum of squares is cheap, and finite only if all entries are
         if not math.isfinite(np.vdot(matrix, matrix)) and not np.isfinite(matrix).all():
             _not_finite(what)
 
 
 @contextmanager
 def guarded(what: str, why: str = "the matrix behind it is singular") -> Iterator[None]:
-    """Turn a decomposition that fails inside, NumPy's or SciPy's, into the one refusal.
+    """Turn the failure of a NumPy or SciPy decomposition in the block into this program's error.
 
     Args:
-        what: that was to be had, such as "the inverse of a matrix".
-        why: it fails.
+        what: the result wanted, such as "the inverse of a matrix".
+        why: the reason for the failure.
 
     Raises:
         LinearAlgebraError: in place of NumPy's.
@@ -76,11 +76,11 @@ def guarded(what: str, why: str = "the matrix behind it is singular") -> Iterato
 
 
 def _lost(what: str, why: str = "the matrix behind it is singular") -> LinearAlgebraError:
-    return LinearAlgebraError(f"{what} could not be had: {why}", hint=TOO_FEW)
+    return LinearAlgebraError(f"{what} could not be computed: {why}", hint=TOO_FEW)
 
 
-# Each takes batches (..., m, n) as NumPy's own does, refuses what is not finite, and raises
-# LinearAlgebraError with ``what`` was to be had.
+# Each takes batches (..., m, n) like NumPy's own, rejects entries that are not finite, and raises
+# LinearAlgebraError naming ``what`` was to be computed.
 
 
 def solve(matrix: Array, right: Array, what: str = "the solution of linear equations") -> Array:
@@ -126,7 +126,7 @@ def fading_sum(values: Array, factor: float) -> Array:
 def solve_blocks(matrix: Array, right: Array) -> Array:
     """Solve (N, d, d) x = (N or 1, d, m) row by row.
 
-    A row that is singular, or holds anything but numbers, gives nan and no error.
+    A row that is singular or not finite gives nan and no error.
     """
     try:
         return np.asarray(np.linalg.solve(matrix, right), dtype=float)
@@ -140,9 +140,9 @@ def solve_blocks(matrix: Array, right: Array) -> Array:
 
 
 def determinant(matrix: Array) -> Array:
-    """Return det (...) of (..., m, d), of tall ones the product of the singular values.
+    """Return det (...) of (..., m, d); for tall matrices the product of the singular values.
 
-    That one has no sign: a tall matrix loses rank at single places, and every way leads round them.
+    That has no sign: a tall matrix loses rank at isolated points, which any path can avoid.
     """
     if matrix.shape[-2] == matrix.shape[-1]:
         return np.asarray(np.linalg.det(matrix))
@@ -178,7 +178,7 @@ def eigh(matrix: Array, what: str = "the principal directions of a matrix",
          metric: Array | None = None) -> tuple[Array, Array]:
     """Return eigenvalues (..., n), ascending, and vectors of a symmetric matrix (..., n, n).
 
-    With a ``metric`` (n, n), positive definite: of matrix v = w metric v, for one matrix.
+    With a ``metric`` (n, n), positive definite, solve matrix v = w metric v, for one matrix.
     """
     finite(what, matrix, *(() if metric is None else (metric,)))
     with guarded(what):
@@ -193,15 +193,15 @@ def eigh(matrix: Array, what: str = "the principal directions of a matrix",
 
 def tridiagonal(matrix: Array, along: Array, what: str = "the tridiagonal form of a matrix"
                 ) -> tuple[Array, Array, Array]:
-    """Return symmetric matrices (..., n, n) in bases in which vectors (..., n) are the first.
+    """Tridiagonalise symmetric matrices (..., n, n), the first axis along vectors (..., n).
 
-    Diagonals (..., n), what is beside them (..., n - 1), and the lengths of the vectors (...).
+    Return diagonals (..., n), off-diagonals (..., n - 1), and lengths (...) of the vectors.
     """
     from scipy.linalg.lapack import dsytrd
 
     finite(what, matrix, along)
     length = np.sqrt(np.sum(along**2, axis=-1))
-    mirror = along.copy()           # Householder's, that turns the first axis into the vector
+    mirror = along.copy()           # Householder reflection of the first axis into the vector
     mirror[..., 0] += np.copysign(length, along[..., 0])
     square = np.sum(mirror**2, axis=-1)
     mirror *= np.sqrt(2.0 * reciprocals(square))[..., None]
@@ -211,7 +211,7 @@ def tridiagonal(matrix: Array, along: Array, what: str = "the tridiagonal form o
     turned -= mirror[..., :, None] * across[..., None, :]
     size = matrix.shape[-1]
     diagonal, beside = np.empty(along.shape), np.empty((*length.shape, max(size - 1, 0)))
-    for at in np.ndindex(length.shape):     # a matrix has no order in memory where it is symmetric
+    for at in np.ndindex(length.shape):     # memory order does not matter: matrices are symmetric
         _, diagonal[at], beside[at], _, _ = dsytrd(turned[at].T, lower=1, overwrite_a=1)
     return diagonal, beside, length
 
@@ -239,8 +239,8 @@ def svd(matrix: Array, full: bool = False, what: str = "the singular values of a
         ) -> tuple[Array, Array, Array]:
     """Return the thin (or ``full``) singular value decomposition u, s, vt of (..., m, n).
 
-    LAPACK's divide and conquer, which is fast, now and then does not converge on a sound matrix
-    with many equal singular values; then by QR iteration, which does.
+    LAPACK's fast divide and conquer occasionally fails to converge on a sound matrix with many
+    equal singular values; QR iteration then takes over.
     """
     finite(what, matrix)
     try:
@@ -285,7 +285,7 @@ def pinv(matrix: Array, rcond: float = 1e-15, hermitian: bool = False,
          what: str = "the pseudo-inverse of a matrix") -> Array:
     """Return the pseudo-inverse (..., n, m) of (..., m, n).
 
-    Directions of a singular value below ``rcond`` of the largest count as 0.
+    Singular values below ``rcond`` times the largest count as 0.
     """
     finite(what, matrix)
     try:
@@ -299,9 +299,9 @@ def pinv(matrix: Array, rcond: float = 1e-15, hermitian: bool = False,
 
 def lstsq(matrix: Array, right: Array, rcond: float | None = None,
           what: str = "the solution of a least-squares problem") -> tuple[Array, int]:
-    """Return x (n,) or (n, k) of least length that minimises |matrix (m, n) x - right|; the rank.
+    """Return the minimum-norm x (n,) or (n, k) minimising |matrix (m, n) x - right|, and the rank.
 
-    Directions of a singular value below ``rcond`` of the largest count as 0, default round-off.
+    Singular values below ``rcond`` times the largest count as 0; default round-off.
     """
     finite(what, matrix, right)
     try:
@@ -314,9 +314,9 @@ def lstsq(matrix: Array, right: Array, rcond: float | None = None,
 
 
 def reciprocals(values: Array, instead: float = 0.0) -> Array:
-    """Return 1 over each of values (...), ``instead`` where one is not above 0.
+    """Return 1 over each value (...), ``instead`` where it is not above 0.
 
-    Weights are 0 where nothing holds a column, and so are tolerances where nothing moves.
+    Weights are 0 where nothing constrains a column, and so are tolerances where nothing moves.
 
     >>> reciprocals(np.array([2.0, 0.0])).tolist()
     [0.5, 0.0]
@@ -326,12 +326,12 @@ def reciprocals(values: Array, instead: float = 0.0) -> Array:
 
 
 def unit_columns(matrix: Array) -> Array:
-    """Return a matrix (m, n) with columns of length 1; empty ones stay so."""
+    """Return a matrix (m, n) with columns of length 1; zero columns stay zero."""
     return np.asarray(matrix / column_lengths(matrix))
 
 
 def column_lengths(matrix: Array) -> Array:
-    """Return the lengths (n,) of the columns of a matrix (m, n), 1 for empty ones."""
+    """Return the lengths (n,) of the columns of a matrix (m, n), 1 for zero columns."""
     norms = np.sqrt(np.einsum("nc,nc->c", matrix, matrix))
     return np.where(norms > 0.0, norms, 1.0)
 
@@ -352,8 +352,8 @@ def block_diagonal(blocks: Sequence[Array]) -> Array:
 def range_basis(matrix: Array, relative: float = 0.0, least: float = 0.0) -> Array:
     """Return an orthonormal basis (m, rank) of a matrix's columns (m, n).
 
-    Directions are left out whose singular value is at most ``relative`` of the largest, or at
-    most ``least``.
+    Directions with a singular value of at most ``relative`` times the largest, or at most
+    ``least``, are left out.
 
     >>> range_basis(np.array([[1.0, 1.0], [1.0, 1.0]]), 1e-12).shape
     (2, 1)
@@ -365,9 +365,9 @@ def range_basis(matrix: Array, relative: float = 0.0, least: float = 0.0) -> Arr
 
 
 def without_range(block: Array, basis: Array) -> Array:
-    """Return columns (m, c) less their part in the span of an orthonormal basis (m, r).
+    """Return columns (m, c) without their part in the span of an orthonormal basis (m, r).
 
-    Twice, so that what is left is orthogonal to round-off of the columns themselves.
+    Projected twice, so that the result is orthogonal to within round-off of the columns.
     """
     for _ in range(2):
         block = block - basis @ (basis.T @ block)
@@ -407,7 +407,7 @@ def subsample(keep: Sequence[Bools], most: int) -> list[Bools]:
 
 
 def row_by_row(change: Callable[..., Array], *rows: Array) -> Array:
-    """Return ``change(*rows)`` (N, ...), made once and kept as one of rows that are one in memory.
+    """Return ``change(*rows)`` (N, ...), computed once where all rows share one in memory.
 
     >>> row_by_row(lambda a: 2.0 * a, np.broadcast_to(1.5, (4, 1))).strides[0]
     0
@@ -419,7 +419,7 @@ def row_by_row(change: Callable[..., Array], *rows: Array) -> Array:
 
 
 def taken(rows: Array, keep: Ints | Bools) -> Array:
-    """Return ``rows[keep]``; rows that are one in memory stay so."""
+    """Return ``rows[keep]``; rows that share one in memory still do."""
     if len(rows) < 2 or rows.strides[0] != 0:
         return rows[keep]
     count = int(keep.sum()) if keep.dtype == np.bool_ else len(keep)
@@ -427,9 +427,9 @@ def taken(rows: Array, keep: Ints | Bools) -> Array:
 
 
 def logsumexp(values: ArrayLike, axis: int | tuple[int, ...] | None = None) -> Array:
-    """Return the logarithm of the sum of exponentials, -inf of nothing.
+    """Return the logarithm of the sum of exponentials, -inf for no values.
 
-    As scipy's, whose calls take longer than most of the sums that are asked for.
+    Like SciPy's, whose call overhead exceeds most of the sums needed here.
     """
     x = np.asarray(values, dtype=float)
     top = np.max(x, axis=axis, keepdims=True, initial=-np.inf)

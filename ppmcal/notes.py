@@ -1,7 +1,7 @@
-"""A sentence about a result: its text, whether it needs a look, and what it is about.
+"""A sentence about a result: its text, its level, and its topic.
 
-Whoever makes a sentence says this once. The level gives the exit code, and code asks for topics,
-never for words.
+Both are set once, where the sentence is written. The level decides the exit code, and code selects
+by topic, never by wording.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ Level = Literal["note", "finding"]
 NOTE: Level = "note"
 """Good to know."""
 FINDING: Level = "finding"
-"""The user must look at it: the command leaves with exit code 1."""
+"""Needs the user's attention: the command ends with exit code 1."""
 
 
 class Note(str):
-    """A sentence with its level and its topic; text to whoever prints or writes it.
+    """A sentence with its level and its topic; plain text to code that prints or writes it.
 
     Attributes:
         level: :data:`NOTE` or :data:`FINDING`.
-        topic: what it is about, empty where no code asks.
+        topic: what it is about; empty if no code selects by it.
     """
 
     __slots__ = ("level", "topic")
@@ -30,7 +30,7 @@ class Note(str):
     topic: str
 
     def __new__(cls, text: str, level: Level = FINDING, topic: str = "") -> Note:
-        """Make a sentence; its level and topic stay as they are."""
+        """Make a sentence with a fixed level and topic."""
         self = super().__new__(cls, text)
         object.__setattr__(self, "level", level)
         object.__setattr__(self, "topic", topic)
@@ -41,30 +41,30 @@ class Note(str):
         raise AttributeError(f"a note has one {name}")
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return how another process makes it."""
+        """Return how to rebuild it in another process (pickle)."""
         return Note, (str(self), self.level, self.topic)
 
 
 def level_of(sentence: str) -> Level:
-    """Return the level of a sentence; a bare text, as other packages give, is a finding."""
+    """Return the level of a sentence; bare text, as from other packages, is a finding."""
     return cast("Level", getattr(sentence, "level", FINDING))
 
 
 def topic_of(sentence: str) -> str:
-    """Return what a sentence is about, empty where it does not say."""
+    """Return the topic of a sentence, empty if it has none."""
     return str(getattr(sentence, "topic", ""))
 
 
 def about(sentences: Iterable[S], topics: Collection[str]) -> list[S]:
-    """Return the sentences on any of some topics."""
+    """Return the sentences on any of the topics."""
     return [s for s in sentences if topic_of(s) in topics]
 
 
 def of_column(source: str, column: str) -> str:
-    """Return the topic of what is said of one column of a file; the sentence begins with it."""
+    """Return the topic of notes on one column of a file; their text begins with it."""
     return f"{source}: column {column}"
 
 
 def has_findings(sentences: Iterable[str]) -> bool:
-    """Whether a command that says this leaves with exit code 1: the one place that decides it."""
+    """Whether a command with these sentences ends with exit code 1: decided only here."""
     return any(level_of(s) == FINDING for s in sentences)

@@ -1,4 +1,4 @@
-"""Plain data: what JSON can hold, and how each kind of it is read, refused and described."""
+"""Plain data: what JSON can hold, and how each type is read, rejected and described."""
 
 from __future__ import annotations
 
@@ -17,36 +17,36 @@ from ppmcal.notes import Note
 from ppmcal.units import LARGEST
 
 LARGEST_WHOLE = 2 ** 53
-"""Up to here a float holds every whole number."""
+"""Floats represent every whole number up to here."""
 T = TypeVar("T")
 Json = dict[str, Any]
 
 
 class WrongKind(TypeError):
-    """A value of another kind than its annotation says."""
+    """A value whose type is not that of its annotation."""
 
     def __init__(self, wanted: str, value: object) -> None:
-        """Say what should be there."""
+        """Store what was expected."""
         self.wanted, self.place = wanted if value is not None else "something, not null", ""
 
     def at(self, key: str | int) -> WrongKind:
-        """Return it with its place, now within ``key``."""
+        """Return it with ``key`` put in front of its place."""
         inner = f".{self.place}" if self.place and self.place[0] != "[" else self.place
         self.place = f"[{key}]{inner}" if isinstance(key, int) else f"{key}{inner}"
         return self
 
     def __str__(self) -> str:
-        """Return where it is and what should be there."""
+        """Return the place and what was expected."""
         return f"{self.place}: should be {self.wanted}"
 
 
 @dataclass(frozen=True)
 class Reader:
-    """What an annotation reads.
+    """How the values of an annotation are read and described.
 
-    ``read`` takes plain data, and whether they come from a file, so that bounds hold; it raises
-    :class:`WrongKind`. ``schema`` takes the definitions, to which it may add. ``blank`` stands
-    where a key is missing and the class has no default. ``axes``: of what is an array in SI.
+    ``read`` takes plain data and whether bounds apply, as they do to data from files; it raises
+    :class:`WrongKind`. ``schema`` takes the definitions and may add to them. ``blank`` is used
+    where a key is missing and the class has no default. ``axes``: dimensions, if an array in SI.
     """
 
     read: Callable[[Any, bool], Any]
@@ -56,7 +56,7 @@ class Reader:
 
 
 def number_up_to(largest: float) -> Reader:
-    """Return how a number of at most this size is read."""
+    """Return the reader of a number of at most this magnitude."""
     bounds = {"maximum": largest, "minimum": -largest} if largest < math.inf else {}
 
     def read(value: Any, bounded: bool) -> float:
@@ -88,7 +88,7 @@ def _is(kind: type[T], wanted: str, name: str) -> Reader:
 
 
 def read_at(key: str | int, reader: Reader, value: Any, bounded: bool) -> Any:
-    """Return what ``reader`` reads; a refusal says that it was at ``key``."""
+    """Return what ``reader`` reads; an error includes ``key`` in its place."""
     try:
         return reader.read(value, bounded)
     except WrongKind as error:
@@ -96,13 +96,13 @@ def read_at(key: str | int, reader: Reader, value: Any, bounded: bool) -> Any:
 
 
 def or_none(one: Reader, none: float | None = None) -> Reader:
-    """Return how a value or null is read, as ``none``."""
+    """Return the reader of a value or null, which reads as ``none``."""
     return Reader(lambda value, bounded: none if value is None else one.read(value, bounded),
                   lambda known: {"anyOf": [one.schema(known), {"type": "null"}]}, none)
 
 
 def list_of(item: Reader) -> Reader:
-    """Return how a list of any length is read."""
+    """Return the reader of a list of any length."""
     def read(value: Any, bounded: bool) -> tuple[Any, ...]:
         if not isinstance(value, list | tuple):
             raise WrongKind("a list", value)
@@ -112,7 +112,7 @@ def list_of(item: Reader) -> Reader:
 
 
 def several(items: list[Reader]) -> Reader:
-    """Return how a list of so many is read."""
+    """Return the reader of a list of fixed length, one reader per item."""
     size = len(items)
 
     def read(value: Any, bounded: bool) -> tuple[Any, ...]:
@@ -131,7 +131,7 @@ def several(items: list[Reader]) -> Reader:
 
 
 def mapping_to(item: Reader) -> Reader:
-    """Return how an object with any keys is read."""
+    """Return the reader of an object with arbitrary keys."""
     def read(value: Any, bounded: bool) -> dict[str, Any]:
         if not isinstance(value, Mapping):
             raise WrongKind("an object", value)
@@ -143,12 +143,12 @@ def mapping_to(item: Reader) -> Reader:
 
 
 def json_text(obj: object) -> str:
-    """Return JSON: nan and inf become null, numpy and dataclasses plain data."""
+    """Return JSON text: nan and inf become null, NumPy values and dataclasses plain data."""
     return json.dumps(plain(obj), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def plain(obj: object) -> Any:
-    """Return ``obj`` as what JSON can hold."""
+    """Return ``obj`` as plain data that JSON can hold."""
     if type(obj) is float:    # as most are
         return obj if math.isfinite(obj) else None
     if type(obj) is list or type(obj) is tuple:

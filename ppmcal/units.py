@@ -1,4 +1,4 @@
-"""Units at the border: files are in the units that they declare, the program is in SI."""
+"""Units at the boundary: files use the units that they declare, the program uses SI."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ T = TypeVar("T")
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
 TURN = 2.0 * math.pi
-"""A unit of what is read, beside those that a file may declare."""
+"""A unit that columns may be in, besides those that a file may declare."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Units:
     angle: str
 
     def __post_init__(self) -> None:
-        """Refuse a unit that does not exist."""
+        """Reject unknown units."""
         if self.length not in LENGTHS:
             raise unknown("length unit", self.length, LENGTHS, "units.length")
         if self.angle not in ANGLES:
@@ -35,14 +35,14 @@ class Units:
     def factor(self, quantity: str) -> float:
         """Return the SI value of one file unit of a quantity.
 
-        ``length`` and ``angle`` follow the file; anything else is as in SI. Quotients are
+        ``length`` and ``angle`` follow the file; everything else is in SI. Quotients are
         written ``N/length``.
         """
         above, _, below = quantity.partition("/")
         return self._one(above) / self._one(below)
 
     def factors(self, quantities: Sequence[str]) -> list[float]:
-        """Return the SI value of one file unit of each number along an axis of an array."""
+        """Return the SI value of one file unit of each of several quantities."""
         return [self.factor(q) for q in quantities]
 
     def name(self, quantity: str) -> str:
@@ -55,7 +55,7 @@ class Units:
         return f"{own.get(above, above) or 1}/{f'({under})' if ' ' in under else under}"
 
     def words(self, value: float, quantity: str, digits: int = 4) -> str:
-        """Return a value, SI, in file units: ``0.0123 mm``."""
+        """Return an SI value as text in file units: ``0.0123 mm``."""
         return f"{number(value / self.factor(quantity), digits)} {self.name(quantity)}"
 
     def _one(self, part: str) -> float:
@@ -68,16 +68,16 @@ SI = Units("m", "rad")
 
 
 def as_now(name: str) -> str:
-    """Return a unit's name as it is today: older files have ``mm/N m`` for ``mm/(N m)``."""
+    """Return a unit's current name: older files have ``mm/N m`` for ``mm/(N m)``."""
     above, _, below = name.partition("/")
     return f"{above}/({below})" if " " in below and not below.startswith("(") else name
 
 
 def to_file(value: float, factor: float) -> float:
-    """Return the double f with f * factor == value, or the nearest where none exists.
+    """Return the double f with f * factor == value, or the nearest if none exists.
 
-    Every value that was read from a file in the same units has one; so what is read, written
-    and read again is equal to the last bit.
+    Every value read from a file in the same units has one, so reading, writing and reading again
+    is exact to the last bit.
     """
     first = value / factor
     if factor == 1.0 or not math.isfinite(first) or first * factor == value:
@@ -92,13 +92,13 @@ def to_file(value: float, factor: float) -> float:
 
 @dataclass(frozen=True)
 class Quantity:
-    """What a number of a finding is, SI: ``Annotated[float, Quantity("length")]``.
+    """The quantity of a number of a result, SI: ``Annotated[float, Quantity("length")]``.
 
     Attributes:
-        name: as :meth:`Units.factor` knows it, empty for a bare number.
-        of: the field beside it that says so, in place of ``name``; of an array what of the finding
-            has the quantities of the numbers along its last axis.
-        digits: with which a file has it, where that is for pictures; 0 for all.
+        name: as in :meth:`Units.factor`, empty for a bare number.
+        of: in place of ``name``, the field that names the quantity; for an array, the attribute
+            that lists the quantities along its last axis.
+        digits: significant digits written, where the number is only plotted; 0 for all.
         per: an array's numbers are per unit of these quantities; ``square``: products of two.
     """
 
@@ -109,7 +109,7 @@ class Quantity:
     square: bool = False
 
     def of_file(self, value: Any, name: str, units: Units) -> Any:
-        """Return a value of a quantity ``name``, or such in lists and mappings, in file units."""
+        """Convert a value of the quantity ``name``, or a list or mapping of such, to file units."""
         if name == COORDINATE and value is not None:
             return {k: self._over(v, units.factor(coordinate_quantity(k)))
                     for k, v in value.items()}
@@ -127,18 +127,18 @@ class Quantity:
 
 
 COORDINATE = "coordinate"
-"""The quantity of a mapping by pose coordinates: each its own."""
+"""The quantity of a mapping by pose coordinate: each value has its coordinate's quantity."""
 COLUMN = "column "
-"""Before the name of a column of a fit: its own quantity."""
+"""Prefix of a fit's column name: the quantity of that column."""
 PARAMETERS, JOINTS = "parameters", "joints"
-"""Of an array: the quantities of all parameters that were fitted, and of all joints."""
+"""For arrays: the quantities of all fitted parameters, and of all joints."""
 
 
 ANGLES_SEEN = ("rx", "ry", "rz", "roll", "pitch")
 
 
 def coordinate_quantity(name: str) -> str:
-    """Return ``length`` for x, y, z and ``angle`` for rx, ry, rz; also of other readings."""
+    """Return ``length`` for x, y, z and ``angle`` for rx, ry, rz; other readings likewise."""
     return "angle" if name in ANGLES_SEEN or name.startswith("turn_") else "length"
 
 
@@ -146,15 +146,15 @@ Length = Annotated[T, Quantity("length")]
 Angle = Annotated[T, Quantity("angle")]
 ByCoordinate = Annotated[T, Quantity(COORDINATE)]
 OfUnit = Annotated[T, Quantity(of="unit")]
-"""A number of the quantity that the field ``unit`` says, which in a file is its unit."""
+"""A number whose quantity the field ``unit`` names; in a file that field holds its unit."""
 
 
 @dataclass(frozen=True)
 class Key:
-    """The key of a field in a file, where it cannot be its name.
+    """The key of a field in a file, where it differs from its name.
 
-    ``object.key`` is a key within an object that is no class of its own; ``whole``: where the field
-    is None, that object is null.
+    ``object.key`` is a key within an object without a class of its own; ``whole``: that object is
+    null where the field is None.
     """
 
     name: str
@@ -163,18 +163,18 @@ class Key:
 
 @dataclass(frozen=True)
 class AtMost:
-    """The largest size of a number that is read; none for one that is only shown."""
+    """The largest magnitude accepted when reading; numbers that are only shown have none."""
 
     largest: float
 
 
 @dataclass(frozen=True)
 class Unsaid:
-    """What a file does not say, or says is null, is nan or else None, whatever the default."""
+    """A value that is missing or null in a file reads as nan or None, whatever the default."""
 
 
 OrNull = Annotated[T, Unsaid()]
 
 LARGEST = 1e30
 Finite = Annotated[float, AtMost(LARGEST)]
-"""A number that is calculated with: of what is read, :data:`LARGEST` at most."""
+"""A number used in calculations: at most :data:`LARGEST` when read."""

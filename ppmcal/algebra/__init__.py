@@ -1,7 +1,7 @@
-"""Conformal geometric algebra of space, batched; it knows nothing of robots.
+"""Conformal geometric algebra of space, batched, independent of robots.
 
-G(4,1) in the null basis (e1, e2, e3, e∞, e0), e∞ · e0 = −1.  Arrays have any leading batch axes
-and their blades last, and only the blades that their type needs:
+G(4,1) in the null basis (e1, e2, e3, e∞, e0), e∞ · e0 = −1.  Arrays have any leading batch axes,
+with blades last, and only the blades that their type needs:
 
 - vector (point, sphere, plane) 5: (e1, e2, e3, e∞, e0);
 - motor 8: (1, e23, e31, e12, e1∞, e2∞, e3∞, e123∞);

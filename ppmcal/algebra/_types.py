@@ -31,7 +31,7 @@ def as_array(value: ArrayLike, size: int, name: str) -> Array:
 def components(value: ArrayLike, size: int, name: str) -> Array:
     """Return a view of `(..., size)` with the components first, `(size, ...)`, to unpack.
 
-    It is the argument itself, so nothing may be written to it.  A contiguous copy gains nothing:
+    It shares the argument's memory, so it must not be written to.  A contiguous copy gains nothing:
     fresh pages cost more than the strided reads of a product.
     """
     array = as_array(value, size, name)
@@ -40,7 +40,7 @@ def components(value: ArrayLike, size: int, name: str) -> Array:
 
 
 def pack(*parts: Scalars) -> Array:
-    """Broadcast component arrays and put them on a new last axis: the inverse of `components`."""
+    """Broadcast component arrays and stack them on a new last axis: the inverse of `components`."""
     out = np.empty((*np.broadcast(*parts).shape, len(parts)))
     for index, part in enumerate(parts):
         out[..., index] = part

@@ -1,6 +1,6 @@
-"""What unit motors do to points, vectors, lines and twists: explicit sandwiches M X M~.
+"""Action of unit motors on points, vectors, lines and twists: explicit sandwiches M X M~.
 
-Also the line of a leg and its pairing with a twist, the one derivative of the whole tool.
+Also the line of a leg and its pairing with a twist, the basic derivative of the whole program.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Names for ordered sets of basis blades: how the general products know what an array holds.
+"""Names for ordered sets of basis blades, which tell the general products what an array holds.
 
 A blade is written "1" or "e" followed by factors out of 1, 2, 3, inf, 0 in any order: "e31" is
 e3∧e1 = −e1∧e3, "e1inf0" is e1∧e∞∧e0.
@@ -54,7 +54,7 @@ class Blades:
     names: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        """Refuse unknown names and repeated blades."""
+        """Reject unknown names and repeated blades."""
         masks = [parse_blade(name)[0] for name in self.names]
         if len(set(masks)) < len(masks):
             raise BadInput(f"a blade is named twice in {self.names}")

@@ -83,7 +83,7 @@ def motor_from_matrix(R: ArrayLike, t: ArrayLike) -> Array:
     """Return M = T R from a rotation matrix, with s ≥ 0.
 
     All ten products 4 qᵢqⱼ of the quaternion's components are linear in R; the row of the
-    largest component gives the quaternion without a small divisor, at half a turn too.
+    largest component gives the quaternion without a small divisor, even at half a turn.
 
     Args:
         R: rotation matrix, `(..., 3, 3)`.

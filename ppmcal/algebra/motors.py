@@ -91,10 +91,10 @@ def reverse(m: ArrayLike) -> Array:
 
 
 def normalise(m: ArrayLike) -> Array:
-    """Return the unit motor nearest in form: M M~ = 1, both its scalar and its e123∞ part.
+    """Return the corresponding unit motor: M M~ = 1, in both its scalar and its e123∞ part.
 
     With q = (s, a) and its partner d: q / |q|, then the part of d along q is removed, so that
-    the translation is what `translation` would have read.
+    `translation` gives the same result as before.
 
     Args:
         m: motor with round-off or of any scale, `(..., 8)`; (s, a) must not vanish.
@@ -182,7 +182,7 @@ def rotated(m: ArrayLike, rotation: ArrayLike) -> Array:
     """Return the rotor of `m` followed by a rotation: that of `motor_exp(rotation, 0) m`.
 
     Args:
-        m: motor, `(..., 8)`; its translation does not count.
+        m: motor, `(..., 8)`; its translation is ignored.
         rotation: ω, `(..., 3)`.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Point pairs: where three spheres or planes meet, as a bivector of 10 blades.
+"""Point pairs: the intersection of three spheres or planes, as a bivector of 10 blades.
 
 Storage: (e23, e31, e12, e1∞, e2∞, e3∞, e10, e20, e30, e∞0), written F = (f, g, h, z).  Real pairs
 are F = λ P₊∧P₋ with λ > 0: h is along P₊ − P₋, F² = z² + 2 g·h − f².
@@ -13,9 +13,9 @@ from ppmcal.algebra._types import Array, Scalars, as_array, components, cross3, 
 
 
 def _pivoted(surfaces: list[Array]) -> list[Array]:
-    """Turn the three surfaces in a circle so that the first has the largest e0 component.
+    """Permute the three surfaces cyclically so that the first has the largest e0 component.
 
-    A cyclic order keeps the sign of the outer product.  Spheres of equal scale stay as they are.
+    Cyclic order keeps the sign of the outer product.  Spheres of equal scale stay in place.
     """
     weights = np.abs([surface[4] for surface in surfaces])
     if np.all(weights[0] >= weights[1]) and np.all(weights[0] >= weights[2]):
@@ -94,7 +94,7 @@ def split(pair: ArrayLike) -> tuple[Array, Array, Array]:
     Returns:
         P_plus `(..., 5)` and P_minus `(..., 5)`, normalised (e0 component 1), nan where the pair
         is imaginary or has no two finite points; the discriminant F² `(...)`, positive where
-        the pair is real, zero at tangency (or a round-off beside it, on either side).
+        the pair is real, zero at tangency (up to round-off of either sign).
     """
     rows = components(pair, 10, "split")
     discriminant = np.asarray(_square(rows))

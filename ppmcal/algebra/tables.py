@@ -3,7 +3,7 @@
 e+² = +1, e−² = −1, e∞ = e− + e+, e0 = ½(e− − e+) ([IK] eq. 1, 2).  In the orthonormal basis a
 product of blades is one blade with a sign; expanding the null blades there and back gives the
 32×32×32 table of the null basis, and grades select the outer product and the contraction.
-The numbers are halves and integers, so the tables are exact.
+All entries are halves and integers, so the tables are exact.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ class Product:
 
 
 def _kept(kind: Kind, a: int, b: int, k: int) -> bool:
-    """Say whether the grade of `k` belongs to this kind of product of blades `a` and `b`."""
+    """Return whether the grade of `k` belongs to this kind of product of blades `a` and `b`."""
     left, right, out = a.bit_count(), b.bit_count(), k.bit_count()
     if kind == "outer":
         return out == left + right
@@ -139,11 +139,11 @@ def product(
         kind: "geometric", "outer", or "inner": the left contraction a⌋b.
         a_blades: blades of the first factor.
         b_blades: blades of the second factor.
-        out_blades: blades to keep, in this order; without it those that can be non-zero, in
+        out_blades: blades to keep, in this order; by default those that can be non-zero, in
             canonical order.
 
     Raises:
-        BadInput: if there is no such kind.
+        BadInput: unknown kind.
     """
     if kind not in KINDS:
         raise unknown("kind of product", kind, KINDS)
@@ -198,7 +198,7 @@ def dual(blades: Blades) -> Linear:
 
 @cache
 def reverse_blades(blades: Blades) -> Linear:
-    """Return the map X ↦ X~, which turns round the order of the factors of every blade."""
+    """Return the map X ↦ X~, which reverses the order of the factors of every blade."""
     grades = np.array([mask.bit_count() for mask in blades.masks])
     signs = np.where(grades * (grades - 1) // 2 % 2, -1.0, 1.0)
     return _linear(blades, blades, np.diag(signs))
@@ -229,13 +229,13 @@ class Sandwich:
 def sandwich(versor: Blades, x: Blades) -> Sandwich:
     """Return the cached sandwich V X V~ ([IK] eq. 10).
 
-    V has to be a versor (a product of vectors): only then are the grades of X kept, and
-    nothing else is computed.  There is no division by V V~, so V has to be of unit length too
-    for a rigid motion.
+    V has to be a versor (a product of vectors): only then are the grades of X kept, and only these
+    are computed.  There is no division by V V~, so V also has to be of unit length for a rigid
+    motion.
 
     Args:
         versor: blades of V.
-        x: blades of X; if X holds all blades that the result can have, its order is kept.
+        x: blades of X; if they include all blades that the result can have, their order is kept.
     """
     first = product("geometric", versor, x)
     grades = {mask.bit_count() for mask in x.masks}

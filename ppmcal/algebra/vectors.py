@@ -1,6 +1,6 @@
-"""Grade-1 vectors: points, spheres and planes, (e1, e2, e3, e∞, e0), in the IPNS reading.
+"""Grade-1 vectors: points, spheres and planes, (e1, e2, e3, e∞, e0), in the IPNS representation.
 
-A point P lies on a sphere or plane S exactly if P · S = 0.
+A point P lies on a sphere or plane S if and only if P · S = 0.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""What the model misses: residuals, hypotheses, their test, the extended model."""
+"""Unmodelled effects: residuals, hypotheses, their test, the extended model."""

@@ -1,6 +1,6 @@
-"""Events between two sessions: joints homed anew, belts tensioned anew, a base set up anew.
+"""Events between two sessions: joints rehomed, belts retensioned, a base set up again.
 
-When that was is known, and it is no rare event.
+Their time is known, and they are common.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from ppmcal.model.mechanism import limbs_with_free
 from ppmcal.model.sessions import session_masks
 
 ZEROS = ("offset",)
-"""Slots that, where they are free, are the zeros of the first session."""
+"""Slots that, if free, hold the joint zeros of the first session."""
 
 
 def session_starts(problem: Problem) -> dict[str, float]:
     """Return the number of each session's first row, the sessions in order.
 
-    None where there are fewer than two, or where they overlap.
+    Empty if there are fewer than two, or if they overlap.
     """
     rows = {label: np.concatenate([d.numbers()[m] for d, m in zip(
         problem.datasets, masks, strict=True)]) for label, masks in session_masks(problem.datasets)}
@@ -35,17 +35,17 @@ def session_starts(problem: Problem) -> dict[str, float]:
 
 
 def zeros_are_known(problem: Problem) -> bool:
-    """Whether no joint's zero is free, so that those of the first session may be off too."""
+    """Whether no joint zero is free, so that those of the first session may be off too."""
     return not limbs_with_free(problem.mechanism, ZEROS, problem.free)
 
 
 Form = tuple[tuple[str, ...], bool]
-"""Actuators on which something acts, and whether with one value for all of them."""
+"""Actuators that an effect acts on, and whether all of them share one value."""
 
 
 def priors(some: Sequence[Hypothesis], shares: Callable[[Sequence[Form]], Mapping[Form, float]]
            ) -> Iterator[tuple[Hypothesis, float]]:
-    """Yield what begins with a session, and the logarithm of its prior.
+    """Yield the hypotheses that begin with a session, each with its log prior.
 
     ``shares``: forms -> the prior of each of them.
     """
@@ -55,15 +55,15 @@ def priors(some: Sequence[Hypothesis], shares: Callable[[Sequence[Form]], Mappin
     for own in events.values():
         share = shares([(h.on, h.shared) for h in own])
         for h in own:
-            # zeros of the first session are off where all are found anew each time
+            # zeros of the first session are off if homing finds all of them anew each time
             prior = ALL_ALIKE.value if h.beside else MOVED.value * share[h.on, h.shared]
             yield h, float(np.log(prior))
 
 
 def with_sessions(sources: Sequence[object]) -> list[frozenset[int]]:
-    """Return what all joints have anew with every session, as numbers of sources, by kind.
+    """Return sets of sources, by kind, in which all joints change with every session.
 
-    Each of these sets, with the first session and without.
+    One set with the first session and one without.
     """
     own: dict[str, tuple[list[int], list[int]]] = defaultdict(lambda: ([], []))
     for n, h in enumerate(sources):

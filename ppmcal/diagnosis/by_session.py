@@ -1,6 +1,6 @@
-"""Effects that are not the same in all sessions: of one day alone, or with a size on each.
+"""Effects that differ between sessions: present on one day only, or of a different size on each.
 
-Their columns are cut by session, so that each has a size of its own.
+Their columns are split by session, so that each session has its own size.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from ppmcal.model.sessions import session_masks
 
 
 def by_session(to: Collector) -> list[Hypothesis]:
-    """Return effects with a size in each session, of those with one size and no grid.
+    """Return versions with a size per session of the effects with one size and no grid.
 
-    None of events, which belong to their session anyway, nor of what leans on another.
+    Except events, which belong to their session anyway, and effects that require another.
     """
     sessions = list(_sessions(to.system))
     if len(sessions) < 2:
@@ -37,7 +37,7 @@ def _sessions(system: System) -> Iterator[tuple[str, Bools]]:
 
 
 def _cut(to: Collector, h: Hypothesis, sessions: list[tuple[str, Bools]]) -> Hypothesis | None:
-    """Return an effect cut by those sessions that show it; None where fewer than two do."""
+    """Return an effect split by the sessions that show it; None if fewer than two do."""
     columns = [to.columns.value(c) for c in h.columns]
     seen = [(label, rows) for label, rows in sessions if any(c[rows].any() for c in columns)]
     if len(seen) < 2:

@@ -1,4 +1,4 @@
-"""What could be missing: every kind of effect, for all actuators together and for each."""
+"""Possible causes: every kind of effect, for all actuators together and for each."""
 
 from __future__ import annotations
 
@@ -43,21 +43,21 @@ from ppmcal.notes import NOTE, Note
 
 UNBORNE = "it shows only through compliance under load, and the model has none"
 STARTS = (np.arange(16) + 0.5) / 8.0 - 1.0
-"""What a memory may have been before the first row, in parts of the most."""
+"""Possible states of an effect with memory before the first row, as parts of the largest."""
 SEEN = 0.05
-"""Ways in which that shows less than the first by this are too small to be seen."""
+"""Modes of these states below this part of the largest mode are negligible."""
 APART = 1e-3
-"""Coordinates of a step of which less than this part is not in those before them are not told.
+"""Coordinates of a step with less than this part independent of earlier ones are not identifiable.
 
-Above what a step that is in the model already turns a target by; a mark's distance from the
-others is more of that to the platform's origin.
+Larger than the rotation of a target by a step already in the model, and smaller than the ratio of
+a target's distance from the others to that from the platform's origin.
 """
 
 
 class _Kinds(Collector):
-    """Makes the hypotheses of every kind of effect.
+    """Builds the hypotheses of every kind of effect.
 
-    ``tried``: parameters that the fit frees only under test.
+    ``tried``: parameters that the fit frees only for the test.
     """
 
     def __init__(self, system: System, tried: Sequence[int] = ()) -> None:
@@ -155,7 +155,7 @@ class _Kinds(Collector):
                              for c, of in starts[a])))
 
     def _at_sessions(self, kind: EffectKind, on: Bools, specs: Sequence[EffectParameter]) -> None:
-        """Add an event with each session; with the first one what all joints may have anew."""
+        """Add an event at each session start; at the first only one with a size per joint."""
         known = zeros_are_known(self.system.problem)
         for n, (label, row) in enumerate(self.starts.items()):
             begin = len(self.hypotheses)
@@ -165,10 +165,10 @@ class _Kinds(Collector):
 
     def _starts(self, kind: EffectKind, a: int, values: dict[str, float],
                 specs: Sequence[EffectParameter]) -> Iterator[tuple[int, int]]:
-        """Add columns of what an effect may have been before the first row, for each parameter.
+        """Add columns for an effect's unknown state before the first row, for each parameter.
 
-        Of all that it may have been as likely one as another, they have the second moments.
-        Yields where each is and which parameter it belongs to; none where all is known.
+        They have the second moments of all possible states, taken as equally probable. Yields the
+        index of each and its parameter; none if the state is known.
         """
         if kind.unsettled is None:
             return
@@ -188,7 +188,7 @@ class _Kinds(Collector):
 
     def _columns(self, kind: EffectKind, on: Bools, values: dict[str, float],
                  specs: Sequence[EffectParameter]) -> tuple[int, ...]:
-        """Add one column for each parameter of an effect; return where they are."""
+        """Add one column for each parameter of an effect; return their indices."""
         if not kind.onset:
             return tuple(self.columns.shifted(shifts, factor)
                          for factor, shifts in self._shifts(kind, on, values, specs))
@@ -198,9 +198,9 @@ class _Kinds(Collector):
 
     def _step_columns(self, kind: EffectKind, on: Bools, specs: Sequence[EffectParameter]
                       ) -> list[Array]:
-        """Return an event's columns (N, m) had it been there all along.
+        """Return an event's columns (N, m) as if it had been present throughout.
 
-        It is the same whenever it happens: of these the rows before are 0.
+        They are the same whenever it happens, except that earlier rows are then 0.
         """
         key = kind.label, tuple(on.tolist()), tuple(s.name for s in specs)
         if key not in self._steps:
@@ -211,9 +211,9 @@ class _Kinds(Collector):
 
     def _told_apart(self, kind: EffectKind, on: Bools, specs: Sequence[EffectParameter]
                     ) -> list[EffectParameter]:
-        """Return the coordinates of a step that some campaign tells from those before them.
+        """Return the coordinates of a step that some campaign distinguishes from earlier ones.
 
-        Where only one point of a body is seen, its turns are shifts of that point.
+        If only one point of a body is seen, rotations of the body are shifts of that point.
         """
         columns = self._step_columns(kind, on, specs)
         rows: dict[str, list[int]] = {}
@@ -226,9 +226,9 @@ class _Kinds(Collector):
 
     def _each(self, kind: EffectKind, on: Bools, values: dict[str, float],
               specs: Sequence[EffectParameter]) -> dict[int, tuple[int, ...]]:
-        """Add the columns of a kind on each actuator alone, all of them evaluated at once.
+        """Add the columns of a kind on each actuator alone, all evaluated at once.
 
-        Nothing where the kind moves more than the slots of its own limbs.
+        Empty if the kind shifts more than the slots of its own limbs.
         """
         if kind.carried is not None:
             return {}
@@ -243,7 +243,7 @@ class _Kinds(Collector):
 
     def _shifts(self, kind: EffectKind, on: Bools, values: dict[str, float],
                 specs: Sequence[EffectParameter]) -> list[tuple[float, list[Shift]]]:
-        """Return for each parameter a factor, and the shifts of all parts times which it is."""
+        """Return for each parameter a factor and the shifts of all parts that it multiplies."""
         if kind.carried is not None:
             by = [carried_by(kind, p.response.closure.model, p.setting, self._borne(on))
                   for p in self.system.parts]
@@ -261,7 +261,7 @@ class _Kinds(Collector):
         return {}
 
     def _borne(self, on: Bools) -> Callable[[Setting], Shift] | None:
-        """Return what gives way to the load, at a coefficient of 1; None: the model's effects."""
+        """Return the shifts of a unit compliance under load; None: those of the model's effects."""
         kind = self.bearing
         if self.bears or kind is None:
             return None
@@ -269,7 +269,7 @@ class _Kinds(Collector):
         return lambda at: kind.evaluate(at, on, values).shift
 
     def _varies(self, spec: EffectParameter) -> bool:
-        """Whether one of the wrench components on which a parameter acts is ever applied."""
+        """Whether a wrench component that a parameter depends on is ever applied."""
         if not spec.component:
             return True
         at = [WRENCH.index(c) for c in spec.component.split()]
@@ -283,9 +283,9 @@ class _Kinds(Collector):
 
     def _recorded(self, kind: EffectKind, usable: Bools
                   ) -> tuple[Bools, tuple[str, ...], tuple[str, ...]]:
-        """Return the actuators whose columns are there in every part, and missing columns.
+        """Return the actuators whose columns are present in every part, and the missing columns.
 
-        Last, the files that lack them, where others have them.
+        Last, the files that lack them, if other files have them.
         """
         on = usable.copy()
         missing: list[str] = []
@@ -308,15 +308,15 @@ class _Kinds(Collector):
         return on, tuple(dict.fromkeys(missing)), files
 
     def _constant(self, kind: EffectKind, a: int) -> list[str]:
-        """Return needed columns that never change, or a load that is never there.
+        """Return needed columns that never change, or a load that is never applied.
 
-        What they cause is a constant, which geometry has too.
+        Their effect is a constant, which the geometry absorbs.
         """
         rows = [p.response.rows for p in self.system.parts]
         out = []
         for need in kind.needs:
             if need in ("order", "past", "touch"):
-                continue    # there is an order in two rows already
+                continue    # two rows are enough to have an order
             if need in ("dir", "vel"):
                 values = [(r.approach if need == "dir" else r.velocity)[:, [a]] for r in rows]
                 name = f"{need}_{self.actuators[a]}"
@@ -338,7 +338,7 @@ class _Kinds(Collector):
         return out
 
     def _free_already(self, kind: EffectKind) -> Bools:
-        """Return the actuators where something free is the same as the kind (k,)."""
+        """Return the actuators with a free parameter equivalent to the kind (k,)."""
         out = np.zeros(self.turning.size, dtype=bool)
         problem = self.system.problem
         for limb in limbs_with_free(problem.mechanism, kind.same_as, problem.free):
@@ -347,7 +347,7 @@ class _Kinds(Collector):
 
 
 def _apart(columns: Sequence[Array]) -> Iterator[int]:
-    """Yield which columns (n,) are not in those before them, see :data:`APART`."""
+    """Yield the indices of columns (n,) independent of earlier ones, see :data:`APART`."""
     basis = np.zeros((len(columns[0]), 0))
     for n, column in enumerate(columns):
         more = column - basis @ (basis.T @ column)
@@ -361,9 +361,8 @@ def library(system: System, kinds: Sequence[str] | None = None, tried: Sequence[
             misread: bool = False, apart: bool = False) -> Library:
     """Return every hypothesis that these data could test.
 
-    ``kinds``: only these; ``tried``: parameters that the fit frees only under test; ``misread``:
-    also effects of columns that are not what they are read as; ``apart``: also those that have a
-    size of their own in each session.
+    ``kinds``: only these; ``tried``: parameters that the fit frees only for the test; ``misread``:
+    also effects of misinterpreted columns; ``apart``: also effects with a size per session.
     """
     maker, beside = _Kinds(system, tried), targets_beside_others(system.problem.datasets)
     for name, kind in effect_kinds().items():

@@ -1,4 +1,4 @@
-"""How large the causes of a set are, and whether their derivatives still tell what they do."""
+"""The sizes of a set's causes, and whether the linearisation still holds for them."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from ppmcal.inference.ranges import SIZES
 from ppmcal.linalg import Array, Bools
 
 LINEAR = 0.1
-"""What was added is linear where its derivatives say the same within so much of the noise, rms."""
+"""Added effects count as linear if linearisation errs by at most this times the noise, rms."""
 
 
 def sizes(asked: Asked, at: BlockSet) -> list[Sized]:
-    """Return the hypotheses of a set that have a name, their coefficients and their sigmas.
+    """Return the named hypotheses of a set, their coefficients and their standard uncertainties.
 
-    Both are 0 of what rows do not see past the geometry: no fit could tell what it is.
+    Both are 0 where the geometry absorbs the effect: no fit could determine it.
     """
     joint, out = at.likeliest[2], []
     for k, i in enumerate(at.causes):
@@ -38,7 +38,7 @@ def sizes(asked: Asked, at: BlockSet) -> list[Sized]:
 
 
 def _prior(asked: Question, block: int, size: int, root: int) -> Array:
-    """Return the standard deviations (k,) that a block's coefficients have at one size."""
+    """Return the prior standard deviations (k,) of a block's coefficients at one size."""
     mine = asked.blocks[block]
     columns = asked.columns.some(mine.columns)
     roots = mine.own_roots(columns.T @ columns, asked.views[0].start.count)
@@ -46,9 +46,9 @@ def _prior(asked: Question, block: int, size: int, root: int) -> Array:
 
 
 def in_proportion(sized: Sequence[Sized]) -> list[Sized]:
-    """Return hypotheses, those that lean on another in proportion to that one's size.
+    """Return hypotheses, those that require another one as a ratio to its size.
 
-    Where that one has no size there is no proportion: they stay as they are.
+    Unchanged if the other one's size is 0.
     """
     size: dict[tuple[str, tuple[str, ...]], float] = defaultdict(float)
     for s in sized:
@@ -62,14 +62,14 @@ def in_proportion(sized: Sequence[Sized]) -> list[Sized]:
 
 
 def _together(h: Hypothesis, value: Array, sigma: Array, prior: Array) -> Sized:
-    """Return a hypothesis with what a machine has of it: its mean over sessions, if it has some."""
+    """Return a hypothesis with the values for the machine: the mean over its sessions, if any."""
     value, sigma, prior = (x.reshape(max(len(h.sessions), 1), -1) for x in (value, sigma, prior))
     return Sized(h, np.mean(value, axis=0), *(np.sqrt(np.mean(x**2, axis=0))
                                               for x in (sigma, prior)))
 
 
 def _seen(asked: Question, columns: Sequence[int]) -> Bools:
-    """Return the columns (k,) whose largest size shows as much as the smallest one does."""
+    """Return which columns (k,) show past the geometry at the largest size considered."""
     given, which = asked.views[0].start, list(columns)
     whole = np.sum(given.columns.some(which) ** 2, axis=0)
     past = whole - np.sum(given.seen[which] ** 2, axis=1)
@@ -77,10 +77,10 @@ def _seen(asked: Question, columns: Sequence[int]) -> Bools:
 
 
 def _once(sized: Sequence[Sized]) -> Iterator[Sized]:
-    """Yield hypotheses, those at several constants of a grid once, the one that is surest.
+    """Yield hypotheses; of those at several grid constants only the most certain one.
 
-    Between two points of a grid both are needed; a fit finds the point. Of waves and events there
-    may be several.
+    A constant between two grid points needs both points; a fit finds it. There may be several
+    waves and events.
     """
     sure = {id(s.hypothesis): float(np.max(np.abs(s.value) / np.maximum(s.sigma, 1e-300)))
             for s in sized}
@@ -94,12 +94,12 @@ def _once(sized: Sequence[Sized]) -> Iterator[Sized]:
 
 
 def between_points(h: Hypothesis) -> bool:
-    """Return whether a fit finds constants of it that stand in no grid; an event has a row."""
+    """Return whether a fit finds its constants between grid points; events have only whole rows."""
     return h.scanned and h.effect is not None and not h.effect.onset
 
 
 class CauseSizes:
-    """How far causes are from what their derivatives at a fit say; those ``known`` are fitted."""
+    """How far causes are from their linearisation at a fit; ``known`` ones are fitted already."""
 
     def __init__(self, fit: Fit, keep: Sequence[Bools], asked: Asked, known: Container[str]
                  ) -> None:
@@ -108,7 +108,7 @@ class CauseSizes:
         self._small = set[Numbers]()
 
     def too_large(self, at: BlockSet) -> bool:
-        """Return whether some of the causes of a set that have a name are too large together."""
+        """Return whether the named causes of a set, together, are too large to linearise."""
         some = [(i, h, value) for i, value in zip(at.causes, at.likeliest[2].values, strict=True)
                 if isinstance(h := self.asked.sources[i], Hypothesis) and not h.anonymous
                 and not (h.misread or h.sessions or between_points(h))
@@ -125,16 +125,16 @@ class CauseSizes:
         return self.found
 
     def _apart(self, sized: Sequence[Sized], linear: Array) -> float:
-        """Return the rms, over the noise, by which a machine differs from its derivatives."""
+        """Return the rms difference, over the noise, of an extended machine from linearisation."""
         problem, at = started(self.fit, extended(self.fit.problem.mechanism, sized)[0])
         before = _residual(self.fit.problem, self.fit.state, self.keep)
         after = _residual(problem, problem.solve(at), self.keep)
         observed = self.asked.system.observed.reshape(-1)
         if not before.size == after.size == observed.sum():
-            return np.inf       # rows that have no pose with it
+            return np.inf       # some rows have no pose with it
         return float(np.sqrt(np.mean((after - before + linear[observed]) ** 2)))
 
 
 def _residual(problem: Problem, at: State, keep: Sequence[Bools]) -> Array:
-    """Return the white residuals of the values that were observed (n,)."""
+    """Return the whitened residuals of the observed values (n,)."""
     return np.concatenate([c.residual[c.observed] for c in problem.rows(at, False, keep)])

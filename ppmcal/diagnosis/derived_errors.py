@@ -1,4 +1,4 @@
-"""What follows from a named effect's parameters, with its uncertainty: amplitude, phase."""
+"""Quantities derived from a named effect's parameters, with uncertainty: amplitude, phase."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from ppmcal.model.dataset import unknown_environment
 from ppmcal.model.mechanism import Effect, joint_quantity, resolved
 
 SMALL = 1e-3
-"""Slopes are taken over this part of a standard deviation."""
+"""Slopes are differenced over this part of a standard deviation."""
 
 
 @dataclass(frozen=True)
 class DerivedError:
-    """A figure of one effect, SI; ``sigma`` None where it is not known."""
+    """A figure of one effect, SI; ``sigma`` None if unknown."""
 
     name: str
     quantity: str
@@ -73,7 +73,7 @@ def derived(identification: Identification, parameters: Sequence[str]) -> Derive
 
 
 def _middle(identification: Identification, effect: Effect) -> float:
-    """Return the middle of what the effect's joints travelled in the rows used, m or rad."""
+    """Return the middle of the travel of the effect's joints in the rows used, m or rad."""
     fit = identification.fit
     q = np.concatenate([ends[0] for i, keep in enumerate(fit.keep) for ends in
                         fit.problem.ends(i, fit.state, np.flatnonzero(keep))])

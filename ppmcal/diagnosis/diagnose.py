@@ -1,4 +1,4 @@
-"""The door: what is missing in a machine's model, and how probable that is."""
+"""Entry point: find what is missing in a machine's model, and how probable that is."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ from ppmcal.wording import pluralize
 from ppmcal.wording.progress import start_stage
 
 MOST_STEPS = 4000
-"""Steps that the fits of one search may try together: some times what any needs that ends by
-itself. Three freedoms and forty poses may need 500, a hexapod that wanders 900."""
-ENDED = Note(f"the search was stopped after {MOST_STEPS} steps, because its fits wander: what was "
-             "named so far is reported as its fit stood then; rivals, learned terms and what to "
-             "measure next may be missing; state what is known (stiffness, load) in the mechanism "
-             "file, or try fewer kinds", topic="search")
+"""Steps that all fits of one search may take together: several times what any search that
+converges needs. Three freedoms and forty poses may need 500, an ill-conditioned hexapod 900."""
+ENDED = Note(f"the search was stopped after {MOST_STEPS} steps, because its fits do not converge: "
+             "effects named so far are reported as fitted at that point; rivals, learned terms and "
+             "the next measurements may be missing; state what is known (stiffness, load) in the "
+             "mechanism file, or try fewer kinds", topic="search")
 
-CUT = ("{} with further effects wandered and went no farther than " + str(REFIT_STEPS)
+CUT = ("{} with further effects did not converge within " + str(REFIT_STEPS)
        + " steps: effects that only a longer one would show may be missing")
 
 
@@ -68,7 +68,7 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None) -> Diagn
 
 
 def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
-    """Fit, ask, judge on held-out poses, tell: with as many steps of fits as there are."""
+    """Fit, search for causes, judge on held-out poses, report: within the steps available."""
     notes = list[Note]()
     whole, what = _asked(with_whole_rows(problem), options)
     if gone := wrong_files(what.last):
@@ -77,7 +77,7 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     refuse_misread(what.last)
     held = held_out(what, options, notes)
     found, named = held.found, held.named
-    if not what.last.rows:  # what left some of them over was not explained
+    if not what.last.rows:  # rows left out as outliers show that geometry does not fit everything
         refuse_unredundant(found)
     final, events = _with_events(what.fit, options, notes) if named else (whole, {})
     own = with_onsets(effects(what, found.last), events) if named else ()
@@ -87,7 +87,7 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     out = secondary("what left-out rows have in common", partial(left_out, final),
                     LeftOut(0, 0, False, "", 0.0, 0.0), notes)
     if out.follows and held.verdict in SILENT:
-        # something is at a place, though no cause bends to it
+        # something depends on position, though no cause fits it
         held = replace(held, verdict="unnamed")
     said = [*held.said, *what.given_up, *findings(whole, final, rest, own, gap, out)]
     own, apart = secondary("the size of effects in each session", partial(
@@ -97,7 +97,7 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     terms = _learned(what, held, final, options, notes)
     reported = report(terms.fit if terms else final, options.fit, 0.0, options.seed,
                       chosen=options.held)
-    if reported.fit.converged:  # where a fit that was given up has got to says nothing of a machine
+    if reported.fit.converged:  # an abandoned fit says nothing about the machine
         refuse_other_machine(reported.fit)
     far = [] if named else far_from_nominal(reported.estimates, problem.mechanism.units)
     others = secondary("the machine under each other reading", partial(
@@ -108,7 +108,7 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
         localise, bare, found.last if named else bare, options.seed), (), notes)
     proposed = secondary("which measurements come next", partial(
         next_step, what, found.last, held.verdict, gap, options.seed), nothing(
-            "these measurements do not tell what to measure next",
+            "these measurements do not show what to measure next",
             len(problem.mechanism.actuators)), notes)
     notes += about(reported.findings, (LEFT_OUT,))
     listed = candidates(what, found, named)
@@ -124,26 +124,26 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
 
 
 def _asked(problem: Problem, options: DiagnosisOptions) -> tuple[Fit, Told]:
-    """Return the fit of the geometry, and what is in what it leaves."""
+    """Return the fit of the geometry, and the causes found in its residuals."""
     start_stage("fitting geometry")
     whole = identify(problem, options.fit)
     refuse_unconverged(whole)
     refuse_after_fit(whole)
-    start_stage("asking which causes are in the data")
+    start_stage("searching for causes in the data")
     return whole, told(whole, options.fit, options.kinds)
 
 
 def _with_events(fit: Fit, options: DiagnosisOptions, notes: list[Note]
                  ) -> tuple[Fit, dict[str, Onset]]:
-    """Return the fit with every event in its likeliest row, and the rows."""
+    """Return the fit with every event at its most probable row, and the rows."""
     return secondary("the rows of events", partial(refined, fit, options.fit), (fit, {}), notes)
 
 
 def _learned(what: Told, held: HeldOut, final: Fit, options: DiagnosisOptions, notes: list[Note]
              ) -> LearnedTerms | None:
-    """Return what is learned of what has no name, None where nothing is left to learn."""
+    """Return the terms learned from unexplained residuals, None if nothing is left to learn."""
     if held.verdict not in LEARNED_AFTER or not final.converged:
         return None
-    start_stage("learning what is left")
-    return secondary("what is left, learned", partial(
+    start_stage("learning the remaining residuals")
+    return secondary("the learned terms", partial(
         learned_beyond, what.last, held.found, held.named, final, held.poses, options), None, notes)

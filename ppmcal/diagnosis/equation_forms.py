@@ -1,7 +1,7 @@
-"""Short equations in recorded inputs: what they are made of, and the function that they are.
+"""Short equations in recorded inputs: their terms, and their values.
 
 A term is a size times one form of an input, or times a product of forms of two. The sizes are
-linear. The row before is an input too: ``last move`` is how far the joint is from there.
+linear. The previous row is an input too: ``last move`` is the joint's distance from there.
 """
 
 from __future__ import annotations
@@ -15,25 +15,25 @@ from ppmcal.linalg import Array
 from ppmcal.model.effects.learned import INPUTS, LearnedCurve
 
 POWERS = 4
-"""Highest power of one input, and of a product all together."""
+"""Highest power of one input, and highest total power of a product."""
 KNOTS = np.linspace(0.15, 0.85, 8)
-"""Places where a function may have its kink, in parts of its input's range."""
+"""Possible places of a kink, as fractions of the input's range."""
 INNER = 0.1
-"""Zero parts the range of an input where so much of it is on each side."""
+"""Zero splits the range of an input if at least this fraction is on each side."""
 FORMS: dict[str, Callable[[Array, int], Array]] = {
     "power": lambda x, degree: x**degree,
     "above": lambda x, degree: np.maximum(x, 0.0),
     "below": lambda x, degree: np.maximum(-x, 0.0),
     "abs": lambda x, degree: np.abs(x),
     "sign": lambda x, degree: np.sign(x)}
-"""What becomes of an input less its origin."""
+"""Functions of an input minus its origin."""
 KINKED = ("above", "below")
-"""Forms whose origin is a place that data show."""
+"""Forms whose origin is chosen from the data."""
 
 
 @dataclass(frozen=True)
 class InputForm:
-    """A form of one input less ``origin``, SI; ``degree``: of a power, and as what it counts."""
+    """A form of one input minus ``origin``, SI; ``degree``: of a power, and in the total power."""
 
     input: str
     form: str = "power"
@@ -49,7 +49,7 @@ Product = tuple[InputForm, ...]
 
 
 def same_form(a: Product, b: Product) -> bool:
-    """Return whether two products differ in the places of their kinks only."""
+    """Return whether two products differ only in the places of their kinks."""
     def form(product: Product) -> list[tuple[str, str, int, float]]:
         return [(f.input, f.form, f.degree, 0.0 if f.form in KINKED else f.origin)
                 for f in product]
@@ -58,7 +58,7 @@ def same_form(a: Product, b: Product) -> bool:
 
 
 def kinked(product: Product) -> bool:
-    """Return whether a product has a kink somewhere that data show."""
+    """Return whether a product has a kink placed by the data."""
     return any(f.form in KINKED for f in product)
 
 
@@ -78,9 +78,8 @@ class Equation(LearnedCurve):
     """A learned function as an equation: ``values`` (F,) are the sizes of its ``products``.
 
     Attributes:
-        probability: of these forms, among all sets of products that were tried.
-        after: rms over the noise in poses left out of the fits, with it in place of the term;
-            nan before that is known.
+        probability: of these forms, among all sets of products tried.
+        after: rms over the noise in held-out poses, with it in place of the term; nan until known.
     """
 
     products: tuple[Product, ...] = ()
@@ -99,7 +98,7 @@ class Equation(LearnedCurve):
 
 
 def products_of(curve: LearnedCurve) -> tuple[Product, ...]:
-    """Return what an equation of a curve's inputs may be made of, the simpler first."""
+    """Return the products that an equation of a curve's inputs may contain, simpler ones first."""
     first = list(_forms(curve.input, curve.nodes))
     if not curve.by:
         return tuple((f,) for f in first)
@@ -119,7 +118,7 @@ def _forms(name: str, nodes: Array) -> Iterator[InputForm]:
         yield InputForm(name, "abs")
         yield InputForm(name, "sign")
     elif not INPUTS[name].zero:
-        # of a stroke that does not reach zero the middle is as natural
+        # for a stroke that does not reach zero, the middle is an equally natural origin
         for degree in range(2, POWERS + 1):
             yield InputForm(name, degree=degree, origin=middle)
     for knot in (low + width * KNOTS).tolist():

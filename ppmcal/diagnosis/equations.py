@@ -1,11 +1,11 @@
-"""Learned terms as short equations, where these do as well in poses left out of the fits.
+"""Learned terms as short equations, where these predict held-out poses equally well.
 
-Sparse regression of what is left, free of geometry, named effects and the other terms, on forms of
-the term's own inputs (Brunton et al. 2016, SINDy). Sets of products are as probable as they explain
-the rows, each product by half a logarithm of the rows dearer (Schwarz 1978), one form of as many as
-there are, a kink at one of its places and in one of ten. An equation is reported where its forms
-are surely in it, over all sets; it has to lie within the band of what was learned, and to predict
-the held-out poses as well.
+Sparse regression of the residuals, free of geometry, named effects and the other terms, on forms of
+the term's own inputs (Brunton et al. 2016, SINDy). The probability of a set of products follows
+from its fit with a penalty of half the log of the number of rows per product (Schwarz 1978), and a
+prior: one form of all available, a kink in one of ten and at one of its places. An equation is
+reported if its forms are practically certain over all sets, if it lies within the band of the
+learned function, and if it predicts held-out poses as well.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ BAND_DRAWS = 500
 
 
 def equations(seen: Visible, learned: Learned) -> tuple[Equation | None, ...]:
-    """Return a short equation for each learned term, None where rows do not single one out.
+    """Return a short equation for each learned term, None if the rows do not single one out.
 
     Args:
         seen: rows from which the terms were learned.
@@ -65,7 +65,7 @@ def _equation(seen: Visible, learned: Learned, which: int) -> Equation | None:
 
 def sized_again(seen: Visible, learned: Learned, found: Sequence[Equation | None]
                 ) -> tuple[Equation | None, ...]:
-    """Return equations with the sizes that other rows give them, None where beyond the band."""
+    """Return equations with sizes refitted to other rows, None if outside the band."""
     out: list[Equation | None] = []
     for i, (term, curve, old) in enumerate(zip(learned.terms, learned.curves, found, strict=True)):
         new = None
@@ -78,7 +78,7 @@ def sized_again(seen: Visible, learned: Learned, found: Sequence[Equation | None
 
 
 def _target(seen: Visible, learned: Learned, which: int) -> Array:
-    """Return what is left (n,) without all terms but one."""
+    """Return the residuals (n,) after removing all terms but one."""
     others = [t.free @ c.values for i, (t, c) in enumerate(zip(
         learned.terms, learned.curves, strict=True)) if i != which]
     return np.asarray(seen.left - sum(others, np.zeros_like(seen.left)))
@@ -100,7 +100,7 @@ def _columns(seen: Visible, term: Term, products: Sequence[Product]) -> Array:
 
 def _visible(seen: Visible, term: Term, products: Sequence[Product]
              ) -> tuple[list[Product], Array]:
-    """Return the products that geometry does not do as well, no two alike, and their columns."""
+    """Return distinct products that geometry does not absorb, and their columns."""
     columns = _columns(seen, term, products)
     free = without_range(columns, seen.basis)
     length = np.linalg.norm(free, axis=0)
@@ -110,7 +110,7 @@ def _visible(seen: Visible, term: Term, products: Sequence[Product]
     for i in np.flatnonzero(seen_well).tolist():
         if not kept or np.abs(unit[:, kept].T @ unit[:, i]).max() < TWIN:
             kept.append(i)
-    # of one size, so that inner products are of one size too
+    # scaled alike, so that inner products are of one size too
     return [products[i] for i in kept], columns[:, kept] / length[kept]
 
 
@@ -122,18 +122,18 @@ def likeliest(gram: Array, right: Array, square: float, freedom: int, forms: Int
               ) -> tuple[tuple[int, ...], float]:
     """Return which columns to use, the strongest first, and the probability of their forms.
 
-    All single columns and all pairs are tried, and all thirds to the best pair, and none. At most
-    one has a kink: several would be a spline.
+    Tries no column, all single columns, all pairs, and the best pair with every third column. At
+    most one has a kink: several would be a spline.
 
     Args:
         gram: inner products of the columns (F, F).
-        right: with the target (F,).
-        square: of the target.
-        freedom: values less what was fitted.
-        forms: the same number for columns of one form, whose kinks are elsewhere (F,).
+        right: inner products of the columns with the target (F,).
+        square: squared length of the target.
+        freedom: degrees of freedom: values minus fitted parameters.
+        forms: a number per column (F,), equal where only the place of a kink differs.
         kinks: whether each has a kink (F,).
     """
-    # a form is one of so many, a kink seldom, and at one place of several
+    # prior: one form of many; kinks are rare, and at one of several places
     price = 0.5 * np.log(freedom) + np.log(np.unique(forms).size * np.bincount(forms)[forms]
                                            / np.where(kinks, SELDOM.value, 1.0))
 
@@ -169,7 +169,7 @@ def likeliest(gram: Array, right: Array, square: float, freedom: int, forms: Int
 
 
 def forms_of(products: Sequence[Product]) -> Ints:
-    """Return a number for each product (F,), the same where only places of kinks differ."""
+    """Return a number for each product (F,), equal where only places of kinks differ."""
     known: list[Product] = []
     out = []
     for product in products:
@@ -181,7 +181,7 @@ def forms_of(products: Sequence[Product]) -> Ints:
 
 def _sized(seen: Visible, term: Term, curve: LearnedCurve, target: Array,
            products: Sequence[Product], sigma: float) -> Equation:
-    """Return the equation of products with the sizes that the rows give them."""
+    """Return the equation of products with sizes fitted to the rows."""
     free = without_range(_columns(seen, term, products), seen.basis)
     length = np.maximum(np.linalg.norm(free, axis=0), 1e-300)
     gram, right, _ = _inner(free / length, target)
@@ -192,10 +192,10 @@ def _sized(seen: Visible, term: Term, curve: LearnedCurve, target: Array,
 
 
 def _within(seen: Visible, term: Term, curve: LearnedCurve, found: Equation) -> bool:
-    """Return whether an equation stays within the learned function's band of all rows at once.
+    """Return whether an equation stays within the learned function's band over all rows at once.
 
-    What geometry does as well is taken out of both. So many sigmas wide that 95 % of the functions
-    that its covariance draws stay within.
+    Parts that geometry absorbs are removed from both. The band is as many sigmas wide as holds
+    95 % of the functions drawn from the covariance.
     """
     at = [curve.seen(p.setting) for p in seen.system.parts]
     on = np.array(term.on)
@@ -205,7 +205,7 @@ def _within(seen: Visible, term: Term, curve: LearnedCurve, found: Equation) -> 
     sigma = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", basis, curve.covariance, basis), 0.0))
     nodes = np.meshgrid(*([curve.nodes, curve.by_nodes][:len(curve.inputs)]), indexing="ij")
     values = term.shapes[term.likeliest].gauged(found.at(*(x.ravel() for x in nodes)))
-    # between the nodes as the equation is, less what was taken out there
+    # between the nodes the equation itself, minus what was taken out at the nodes
     values = found.at(*inputs) + basis @ (values - found.at(*(x.ravel() for x in nodes)))
     sure = np.maximum(sigma, 1e-12 * float(sigma.max()))
     away = np.abs(values - basis @ curve.values) / sure

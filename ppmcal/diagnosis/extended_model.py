@@ -1,4 +1,4 @@
-"""From chosen hypotheses to a machine that has them, ready to be fitted."""
+"""From chosen hypotheses to a machine that includes them, ready to fit."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ SMALLEST = 1e-3
 class Sized:
     """A hypothesis with its coefficients (k,), their sigmas, and those of their ``prior``.
 
-    The prior is that of the block's likeliest size: a fit without it would run away with what the
-    rows hardly see.
+    The prior is that of the block's most probable size: without it, a fit would diverge along
+    directions that the rows hardly determine.
     """
 
     hypothesis: Hypothesis
@@ -33,7 +33,7 @@ class Sized:
 
 @dataclass(frozen=True)
 class Added:
-    """One effect that was added: the hypothesis it came from and its parameters' names."""
+    """One added effect: the hypothesis it came from and its parameters' names."""
 
     hypothesis: Hypothesis
     on: tuple[str, ...]
@@ -41,7 +41,7 @@ class Added:
 
 
 def columns_added(problem: Problem, added: Sequence[Added]) -> list[int]:
-    """Return the free columns of a problem that belong to effects that were added."""
+    """Return the free columns of a problem that belong to added effects."""
     names, mechanism = {n for a in added for n in a.parameters}, problem.mechanism
     return [c for c, p in enumerate(problem.free) if mechanism.parameters[p].name in names]
 
@@ -49,8 +49,8 @@ def columns_added(problem: Problem, added: Sequence[Added]) -> list[int]:
 def extended(mechanism: Mechanism, sized: Sequence[Sized]) -> tuple[Mechanism, tuple[Added, ...]]:
     """Return the machine with hypotheses as free effects.
 
-    What has no standard deviation is not seen: it stays at its default, since a fit would run away
-    with it.
+    A coefficient without a standard deviation is not identifiable: it stays at its default, since
+    a fit of it would diverge.
     """
     added: list[Added] = []
     for one in sized:

@@ -1,4 +1,4 @@
-"""What a diagnosis is refused for, what the user must look at, and what to do next."""
+"""When a diagnosis is refused, findings for the user, and what to do next."""
 
 from __future__ import annotations
 
@@ -24,38 +24,38 @@ from ppmcal.wording import pluralize
 
 
 def refuse_unconverged(fit: Fit) -> None:
-    """Refuse a diagnosis that would be built on a fit which is not at its minimum.
+    """Refuse a diagnosis based on a fit that did not reach its minimum.
 
     Raises:
-        NoResult: with how far it got.
+        NoResult: with the state of the fit.
     """
     if fit.converged:
         return
     raise NoResult(
-        f"the fit of the geometry did not converge: {fit.reached}, so no effect can be told from "
-        "geometry", ", ".join(d.source for d in fit.problem.datasets),
-        "These poses hardly tell the parameters apart: measure poses that differ in every "
+        f"the fit of the geometry did not converge: {fit.reached}, so effects cannot be separated "
+        "from geometry", ", ".join(d.source for d in fit.problem.datasets),
+        "These poses hardly separate the parameters: measure poses that differ in every "
         "coordinate, or free fewer parameters (--free)")
 
 
 def refuse_unredundant(found: Found) -> None:
-    """Refuse a diagnosis of values that geometry alone reproduces, whatever they are.
+    """Refuse a diagnosis of values that geometry alone always reproduces.
 
     Raises:
-        NoResult: no degree of freedom is left that could show what is missing.
+        NoResult: no degree of freedom is left to show a missing effect.
     """
     if found.first.freedom > 0:
         return
     data = found.before.problem.datasets
     raise NoResult(
-        f"geometry explains each of these {pluralize(found.first.system.count, 'value')} exactly, "
-        "whatever is measured: nothing is left that could show a missing effect",
+        f"geometry alone fits any {pluralize(found.first.system.count, 'value')} of this kind "
+        "exactly: no degree of freedom is left to show a missing effect",
         ", ".join(d.source for d in data), "Measure more poses, or free fewer parameters (--free)")
 
 
 def findings(before: Fit, after: Fit, left: LackOfFit, effects: Sequence[NamedEffect],
              gap: Gap | None, out: LeftOut) -> list[Note]:
-    """Return what the user must look at."""
+    """Return the findings and notes for the user."""
     said = [f for d in after.problem.datasets for f in d.findings]
     for data, reasons, old in zip(after.problem.datasets, after.reasons, before.reasons,
                                   strict=True):
@@ -63,26 +63,26 @@ def findings(before: Fit, after: Fit, left: LackOfFit, effects: Sequence[NamedEf
             said.append(rows_left_out(data, reasons))
         back = sorted(set(old) - set(reasons))
         if back:
-            said.append(Note(f"{data.name}: {pluralize(len(back), 'row')} that a fit of geometry "
-                             f"alone left out {'are' if len(back) > 1 else 'is'} explained by the "
+            said.append(Note(f"{data.name}: {pluralize(len(back), 'row')} left out by the fit of "
+                             f"geometry alone {'are' if len(back) > 1 else 'is'} explained by the "
                              "effects, and in use", NOTE, topic="row weights"))
     if out.sentence:
         said.append(Note(out.sentence, topic="row weights"))
     if left.excess >= SURE_SIGMAS:
-        said.append(Note(f"what is left is {left.ratio:.2f} times the {left.source} noise: "
-                         "something unrecorded, or a sigma that is too small", topic="noise"))
+        said.append(Note(f"residuals are {left.ratio:.2f} times the {left.source} noise: an "
+                         "unrecorded influence, or sigma is too small", topic="noise"))
     if left.ratio < OVERSTATED:
         said.append(Note(f"residuals are only {left.ratio:.3g} times the {left.source} noise: "
-                         "sigma is too large, in a wrong unit perhaps; correct it, it decides what "
-                         "geometry is held to", topic="noise"))
+                         "sigma is too large, perhaps in a wrong unit; correct it, because it "
+                         "decides how strongly the data constrain the geometry", topic="noise"))
     weak = [e.hypothesis.called for e in effects if e.visibility < WEAK_VISIBILITY]
     if weak:
-        said.append(Note(f"{', '.join(dict.fromkeys(weak))}: geometry imitates most of it (weakly "
+        said.append(Note(f"{', '.join(dict.fromkeys(weak))}: geometry absorbs most of it (weakly "
                          "testable), so its size is uncertain", topic="visibility"))
     said += _sides(after, effects)
     if effects and gap is not None and not gap.confirmed:
-        said.append(Note("the held-out poses do not confirm the improvement: too few, or too small",
-                         topic="held out"))
+        said.append(Note("the held-out poses do not confirm the improvement: too few poses, or too "
+                         "small an effect", topic="held out"))
     if not after.converged:
         said.append(Note("the fit had not converged after "
                          f"{pluralize(after.iterations, 'iteration')}", topic="convergence"))
@@ -90,22 +90,22 @@ def findings(before: Fit, after: Fit, left: LackOfFit, effects: Sequence[NamedEf
 
 
 def hardly_visible(candidates: Sequence[Candidate]) -> list[Note]:
-    """Return the kinds that no data of these poses would show: geometry takes up most of each."""
+    """Return the kinds that no data at these poses would show: geometry absorbs most of each."""
     seen: dict[str, float] = {}
     for c in candidates:
         kind = c.hypothesis.effect
         if kind is not None and np.isfinite(c.visibility):
             seen[kind.label] = max(seen.get(kind.label, 0.0), c.visibility)
     hidden = [kind for kind, most in seen.items() if most < WEAK_VISIBILITY]
-    return [Note(f"Geometry takes up most of {', '.join(hidden)} in these poses: such errors would "
-                 "hardly show, and points and lengths that are off may stand for them", NOTE,
+    return [Note(f"Geometry absorbs most of {', '.join(hidden)} in these poses: such errors would "
+                 "hardly show, and may appear as errors of points and lengths instead", NOTE,
                  topic="visibility")] if hidden else []
 
 
 def _sides(fit: Fit, effects: Sequence[NamedEffect]) -> list[Note]:
-    """Return the effects whose joints partly lag their readings and partly lead them.
+    """Return notes on effects in which some joints lag their readings and others lead them.
 
-    Which side is a convention as much as a place of the encoder, so no file is refused for it.
+    The side depends on convention as much as on the encoder's position, so files are accepted.
     """
     if not effects:
         return []
@@ -116,13 +116,13 @@ def _sides(fit: Fit, effects: Sequence[NamedEffect]) -> list[Note]:
             joints.setdefault(effect.hypothesis.called, {}).setdefault(side, []).extend(
                 effect.on or mechanism.actuators)
     return [Note(f"{kind} has one sign on {', '.join(ways['lags'])} and the other on "
-                 f"{', '.join(ways['leads'])}: their encoders sit on different sides of it, or the "
-                 "directions of some are written the other way round", topic="approach")
+                 f"{', '.join(ways['leads'])}: their encoders are on different sides of it, or the "
+                 "directions of some are recorded with the opposite sign", topic="approach")
             for kind, ways in joints.items() if len(ways) > 1]
 
 
 def absorbed_by_geometry(before: Fit, after: Fit) -> tuple[Swallowed, ...]:
-    """Return the parameters that had moved by more than their tolerance to imitate effects."""
+    """Return the parameters that were shifted by more than their tolerance to mimic effects."""
     out = []
     nominals = after.problem.mechanism.nominals
     for p in before.problem.free:
@@ -137,19 +137,19 @@ def absorbed_by_geometry(before: Fit, after: Fit) -> tuple[Swallowed, ...]:
 
 def advice(verdict: str, joints: int, datasets: Sequence[Dataset], gap: Gap | None = None
            ) -> Proposal:
-    """Return what to do where no measurements tell rivals apart; ``gap``: on held-out poses."""
+    """Return the advice if no rivals have to be separated; ``gap``: on held-out poses."""
     if verdict == "named" and gap is not None and not gap.confirmed:
-        return nothing("repeat the campaign, or measure more poses: those held out do not confirm "
-                       "yet what is named", joints)
+        return nothing("repeat the campaign, or measure more poses: held-out poses do not confirm "
+                       "the named effects yet", joints)
     return nothing({"none": "nothing more to measure: no missing effect is detectable",
-                    "weak": "repeat the campaign: the suspicion grows or goes with more rows",
+                    "weak": "repeat the campaign: more rows confirm the suspicion or remove it",
                     "named": "nothing more to measure: the named effects explain the residuals",
                     }.get(verdict) or record_more(datasets), joints)
 
 
 def next_step(what: Told, stage: Linearisation, verdict: str, gap: Gap | None,
               seed: int) -> Proposal:
-    """Return measurements that tell the likeliest two apart, or what else to do."""
+    """Return measurements that separate the two most probable causes, or other advice."""
     every = stage.library.hypotheses
     for place, member, odds in others(what) if verdict in NAMED else ():
         other = [h for h in what.hypotheses(member) if not any(

@@ -1,7 +1,7 @@
-"""The first rows of a file, before which nobody knows where a play stood.
+"""The first rows of a file, in which the state of a play is still unknown.
 
-Until a joint has crossed its play the rows may be off by half a width, all alike. The question has
-columns for it; the model has none, so its fit leaves these rows out.
+Until a joint has crossed its play, all its rows may be off by the same amount, up to half a width.
+The inference has columns for it; the model does not, so its fit leaves these rows out.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.mechanism import Effect
 
-REASON = "where the play stood is not known here: no move yet has crossed it"
+REASON = "the state of the play is unknown here: no move has crossed it yet"
 
 
 def without_first_rows(fit: Fit, options: FitOptions) -> Fit:
-    """Return a fit without the first rows in which one of its effects has not settled.
+    """Return a fit without the first rows, in which one of its effects has not settled.
 
-    What has not settled in a quarter of a file never does there: such a file keeps its rows.
+    An effect that has not settled in a quarter of a file never does: such a file keeps its rows.
 
     Raises:
         BadInput, NoResult: as :func:`ppmcal.calibration.fit.identify`.
@@ -45,7 +45,7 @@ def without_first_rows(fit: Fit, options: FitOptions) -> Fit:
 
 
 def _unsettled(model: Model, effect: Effect, data: Dataset, rows: Environment) -> Bools:
-    """Return the rows (N,) in which an effect is not known."""
+    """Return the rows (N,) in which the state of an effect is unknown."""
     kind = effect.kind
     assert kind.unsettled is not None
     at = setting(model, rows, data.q, np.full((len(data), 8), np.nan))

@@ -1,4 +1,4 @@
-"""Where a search looks: the constants of a kind that it tries, and the ranges of coefficients."""
+"""The search grid: the constants of each kind that are tried, and the ranges of coefficients."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from ppmcal.model.effects import EffectKind, EffectParameter, ScanRange
 from ppmcal.model.motions import Motion
 
 NEAR = 4.0
-"""A size by which an effect nearly scales may be so many times that of its column, + or -."""
+"""A size that an effect nearly scales with may be this many times that of its column, + or -."""
 
 
 class Grids:
-    """The constants to try of every kind, for the rows of one system; ``stroke``: the longest."""
+    """The constants to try for each kind, in the rows of one system; ``stroke``: the longest."""
 
     def __init__(self, system: System) -> None:
         self.system = system
@@ -28,10 +28,10 @@ class Grids:
         self.stroke = system.stroke or 1.0
 
     def of(self, kind: EffectKind, part: str) -> list[dict[str, float]]:
-        """Return the values of a kind's nonlinear parameters that are tried, fitted ones first.
+        """Return the values to try for a kind's nonlinear parameters, fitted ones first.
 
-        What is optional is tried one at a time, after the kind without. ``part``: of the machine,
-        whose joints are apart as far as a scan may know.
+        Optional parameters are tried one at a time, after the kind without them. ``part``: of the
+        machine, whose joint spacing a scan may use.
         """
         specs = kind.parameters(self.mechanism.motion)
         data = self._range(part)
@@ -47,14 +47,14 @@ class Grids:
         known = np.isfinite(self.system.parts[0].setting.stroke).all()
         ends = {} if known else self.ends(kind.stroke_ends(self.mechanism.motion))
         spread = [s for s in specs if s.of_stroke or s.per_stroke]
-        # of what is optional and not there nothing is spread over the stroke
+        # an optional parameter that is absent is not spread over the stroke
         return [c if spread and all(s.optional and s.name not in c for s in spread) else c | ends
                 for c in grid]
 
     def ends(self, names: Sequence[str], actuator: int | None = None) -> dict[str, float]:
-        """Return the stroke of one joint, or the range of all: limits, else as measured.
+        """Return the stroke of one joint, or the range of all: the limits, otherwise as measured.
 
-        ``names``: of the constants that are its low and its high end; none: nothing.
+        ``names``: of the constants for its low and its high end; if empty, so is the result.
         """
         if not names:
             return {}
@@ -72,9 +72,9 @@ class Grids:
         return self._fitted(kind, tried) + grid if tried else grid
 
     def _fitted(self, kind: EffectKind, names: Iterable[str]) -> list[dict[str, float]]:
-        """Return what the fit has made of a kind's nonlinear parameters already.
+        """Return values already fitted for a kind's nonlinear parameters.
 
-        Or of the same parameters of another kind, lest it be better only for having been fitted.
+        Also those of another kind with the same parameters, so that being fitted is no advantage.
         """
         g, motion = self.system.state.g, self.mechanism.motion
         own = {s.name: s.scan for s in kind.parameters(motion)}
@@ -87,7 +87,7 @@ class Grids:
         return [f for n, f in enumerate(found) if f not in found[:n]]
 
     def _range(self, part: str) -> ScanRange:
-        """Return what a scan may know of these rows, and of the joints of base or platform."""
+        """Return the data that a scan may use: on these rows, and on base or platform joints."""
         points = self.system.parts[0].setting.points(part if part == "platform" else "base")[0]
         apart = np.linalg.norm(points[:, None] - points[None], axis=-1)
         size = float(apart.max())
@@ -106,7 +106,7 @@ class Grids:
 
 
 def _meeting(sizes: Sequence[float]) -> list[float]:
-    """Return sizes, with others between those whose ranges do not meet."""
+    """Return sizes, with more inserted wherever ranges do not meet."""
     out = list[float]()
     for size in sorted(sizes):
         if out and size > NEAR**2 * out[-1]:
@@ -117,13 +117,13 @@ def _meeting(sizes: Sequence[float]) -> list[float]:
 
 
 def start_values(kind: EffectKind, motion: Motion) -> dict[str, float]:
-    """Return where the linear model of a kind is taken: at nothing, a reciprocal one at 1."""
+    """Return the point at which a kind is linearised: 0, or 1 for reciprocal parameters."""
     return {s.name: 1.0 if s.reciprocal else s.default if s.constant and s.default is not None
             else 0.0 for s in kind.parameters(motion)}
 
 
 def usual_range(spec: EffectParameter, stroke: float) -> tuple[float, float]:
-    """Return the range of a parameter's coefficient in machines, SI; ``stroke``: the longest."""
+    """Return the usual range of a coefficient in machines, SI; ``stroke``: the longest."""
     low, high = spec.usual
     if spec.reciprocal:
         return 1.0 / high, 1.0 / low if low > 0.0 else np.inf
@@ -132,7 +132,7 @@ def usual_range(spec: EffectParameter, stroke: float) -> tuple[float, float]:
 
 
 def sign(spec: EffectParameter) -> float:
-    """Return the sign of d/d(1/k) at k = 1 against d/dk, for what is linear in 1/k."""
+    """Return the sign of d/d(1/k) relative to d/dk at k = 1, for effects linear in 1/k."""
     return -1.0 if spec.reciprocal else 1.0
 
 

@@ -1,10 +1,10 @@
-"""What is gone of the gap, on poses that were held out of the fits.
+"""How much of the excess error the effects remove, on poses held out of the fits.
 
-No row is left out because one of the two models misses it: what the model under test misses is
-what the gap is to show. A gross error is missed by both of them. Of such a row only the difference
-between the two counts: its errors are scaled, both alike, until the smaller one is as large as the
-largest that chance gives; what they then have in common beyond the noise is taken out of both. It
-cannot outweigh all other rows, and does not favour either model.
+No row is left out because one of the two models misfits it: misfits of the model under test are
+what the gap has to show. Outliers misfit under both. For such a row only the difference between the
+models counts: both errors are scaled by one factor until the smaller one equals the largest to be
+expected by chance; the part common to both beyond the noise is then subtracted from both. So an
+outlier cannot outweigh all other rows, and favours neither model.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from ppmcal.model.sessions import pose_labels
 
 DRAWS = 2000
 TOGETHER = 2**19
-"""So many poses are drawn together."""
+"""Number of poses drawn in one batch of the bootstrap."""
 UNPREDICTED = 100.0
-"""Variance of a prediction over that of the noise, beyond which it is none."""
+"""Variance of a prediction over that of the noise, beyond which it counts as no prediction."""
 
 
 @dataclass(frozen=True)
@@ -46,10 +46,10 @@ class Gap:
         noise: of the measurements, over the stated one.
         before, after: rms over the noise without and with the effects.
         closed: 1 - excess(after)/excess(before), None where nothing exceeded it before.
-        interval: 95 % of ``closed``, by bootstrap over poses; None as ``closed``.
+        interval: 95 % interval of ``closed``, by bootstrap over poses; None if ``closed`` is.
         confirmed: whether the improvement's interval excludes zero.
-        worse: whether the errors have grown, as surely, or by more than the noise.
-        poses: how many were held out.
+        worse: whether the errors have grown, with the same confidence, or by more than the noise.
+        poses: number of poses held out.
     """
 
     noise: float
@@ -64,7 +64,7 @@ class Gap:
 
 @dataclass(frozen=True)
 class HeldOutErrors:
-    """Per row: squared white error, variance from the parameters, values, pose label."""
+    """Per row: squared whitened error, variance from the parameters, values, pose label."""
 
     square: Array
     variance: Array
@@ -73,14 +73,14 @@ class HeldOutErrors:
 
 
 def _predictor(fit: Fit, held: Sequence[Dataset]) -> tuple[Problem, State]:
-    """Return held-out rows as a problem, and its state as a fit predicts it."""
+    """Return held-out rows as a problem, with the state predicted by a fit."""
     problem = fit.problem.changed(datasets=tuple(held))
     return problem, fresh_state(problem, fit.state)
 
 
 def _errors(fit: Fit, problem: Problem, state: State, among: Sequence[Bools] | None = None
             ) -> HeldOutErrors:
-    """Return the errors of rows as a fit predicts them: all, or those ``among`` each data set."""
+    """Return the prediction errors of rows: all, or those ``among`` each data set."""
     parts: list[list[Array]] = [[], [], [], []]
     poses, covariance = pose_labels(problem.datasets), prediction_covariance(fit)
     for rows in problem.rows(state, True, among):
@@ -96,14 +96,14 @@ def measure_gap(before: Fit, after: Fit, held: Sequence[Dataset], noise: float, 
                 ) -> Gap | None:
     """Return the held-out gap, None if no held-out row is predictable.
 
-    Rows at which the machine with the effects has no pose, where it has one without them, are
-    rows that they fail: the gap is of the others then, and is worse.
+    If the machine has a pose for a row without the effects but not with them, the effects fail
+    there: the gap is then computed from the other rows, and counts as worse.
 
     Args:
         before: the fit without the effects.
         after: the fit with them.
         held: rows that neither has seen.
-        noise: over the stated one.
+        noise: over the stated noise.
         seed: of the bootstrap.
     """
     parts = [(fit, *_predictor(fit, held)) for fit in (before, after)]
@@ -127,7 +127,7 @@ def gap_of(old: HeldOutErrors, new: HeldOutErrors, noise: float, seed: int) -> G
         seed: of the bootstrap.
     """
     count, own = np.maximum(new.count, 1.0), UNPREDICTED * noise**2
-    # rows that neither fit can predict tell nothing of them; what one of them cannot is its failing
+    # rows that neither fit can predict are no evidence; rows that only one cannot count against it
     told = np.minimum(old.variance, new.variance) / count <= own
     if not told.any():
         told = np.ones_like(told)
@@ -139,7 +139,7 @@ def gap_of(old: HeldOutErrors, new: HeldOutErrors, noise: float, seed: int) -> G
         return np.asarray(sums, dtype=np.float64)
 
     table = np.stack([per_pose(v) for v in (
-        # where a fit predicts nothing, its own doubt does not excuse it
+        # where a fit predicts nothing, its own uncertainty is no excuse
         *squares, *(np.minimum(v, own * count) for v in variances), new.count)])
     whole = table.sum(axis=1)
     sums = _bootstrap(table, seed)
@@ -158,7 +158,7 @@ def gap_of(old: HeldOutErrors, new: HeldOutErrors, noise: float, seed: int) -> G
 
 def without_common_misses(old: HeldOutErrors, new: HeldOutErrors, noise: float, told: Bools
                           ) -> tuple[list[Array], list[Array]]:
-    """Return squared errors and variances (N,) of both models, less what both of them miss.
+    """Return squared errors and variances (N,) of both models, less the misfit common to both.
 
     Args:
         old: errors without the effects.
@@ -168,9 +168,9 @@ def without_common_misses(old: HeldOutErrors, new: HeldOutErrors, noise: float, 
     """
     count, both = np.maximum(new.count, 1.0), (old, new)
     away = np.minimum(*(e.square / (noise**2 + e.variance / count) for e in both))
-    # where both are far from half of the rows, it is not rows that are wrong
+    # if both misfit half of the rows, the rows are not to blame
     scale = max(1.0, float(np.median((away / chdtri(count, 0.5))[told])))
-    # noise alone makes the largest error of all rows as seldom larger
+    # bound that noise alone rarely exceeds in any row
     most = scale * chdtri(count, (1.0 - SURE.value) / max(int(told.sum()), 1))
     gross = away > most
     squares = [np.where(gross, most / np.maximum(away, most), 1.0) * e.square for e in both]
@@ -200,7 +200,7 @@ def _closed(sums: Array, noise: float) -> float | None:
 
 
 def training_part(whole: Fit, options: DiagnosisOptions) -> tuple[Fit, tuple[Dataset, ...]]:
-    """Put whole commanded poses aside, where that leaves enough to fit; fit the others."""
+    """Hold out whole commanded poses, if that leaves enough to fit; fit the others."""
     problem = whole.problem
     out = split(problem.datasets, options.holdout, options.seed)
     values = sum(int((~o).sum()) * values_per_row(d, problem.mechanism)

@@ -1,4 +1,4 @@
-"""Hypotheses: a kind of effect on some actuators, and the columns that say what it does."""
+"""Hypotheses: a kind of effect on some actuators, and the columns that it adds."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ppmcal.linalg import Array
 from ppmcal.model.effects import GEOMETRY, EffectKind, Shift
 from ppmcal.model.parameters import is_joint_component
 
-UNLIKE = ", not the same in all sessions"
+UNLIKE = ", different between sessions"
 
 
 @dataclass(frozen=True)
@@ -25,34 +25,34 @@ class Hypothesis:
     Attributes:
         kind: name; ``geometry`` for a frozen slot.
         on: actuator names, empty for the whole machine.
-        shared: one value for all of ``on``, else one for each.
+        shared: one value for all of ``on``, otherwise one for each.
         names: parameters by column; with one value for each actuator ``leg1:width``.
-        constants: values of parameters that are not linear, and ends of the stroke.
+        constants: values of nonlinear parameters, and ends of the stroke.
         slot: the frozen parameter's name, for ``geometry``.
-        anonymous: a shape without a cause; it takes part so that no kind has to imitate
-            it, and is never named.
-        follows: what such a shape follows; of misread columns the rows in which they are.
+        anonymous: a shape without a cause; included so that no kind has to mimic it, and never
+            named.
+        follows: the variable that such a shape depends on; for misread columns, their rows.
         strokes: which constants are ends of the stroke: each joint may have its own.
-        choices: logarithm of the number of stretches of rows that it was chosen from.
+        choices: logarithm of the number of row ranges that it was chosen from.
         low, high: physical range of each column's coefficient.
-        usual: the range in which machines have it, by column; empty: any.
-        columns: where its columns are in the library.
+        usual: the range found in machines, by column; empty: any.
+        columns: indices of its columns in the library.
         misread: how columns would have to be read for it; empty: as they are.
-        stretch: of the system the rows in which they are, from the first to the one before the
-            second; empty: all.
-        sessions: those where it has a size of its own in each, columns session by session;
-            empty: it is the same in all.
-        starts: where it has a memory, columns of what that may have been before the first row,
-            each with the place among ``columns`` of the one whose coefficient, times a standard
-            normal, its own is.
+        stretch: the misread rows of the system, from the first index to before the second; empty:
+            all.
+        sessions: those in each of which it has its own size, columns session by session; empty:
+            the same in all.
+        starts: for an effect with memory, columns of its possible states before the first row, each
+            with an index into ``columns``: its coefficient is that column's times a standard
+            normal.
         effect: the kind with its traits; None for a frozen slot or a shape without a cause.
-        part: of a kind whose parameters are causes of their own, the one that it has; of a shape
-            without a cause what moves along what.
-        requires: kind and actuators of what gives way to the load, which has to be chosen too; its
-            coefficient is the parameter times that of the other.
-        ratio: of what leans, the range in which machines have the parameter, by column.
-        begins: of an event the session with whose first row it begins; empty: any row.
-        beside: whether it is only there beside one that begins with another session.
+        part: for a kind whose parameters are separate causes, the parameter; for a shape without a
+            cause, what moves along what.
+        requires: kind and actuators of a compliance that has to be chosen too; this coefficient is
+            the parameter times that of the compliance.
+        ratio: with ``requires``, the range of the parameter found in machines, by column.
+        begins: for an event, the session at whose first row it begins; empty: any row.
+        beside: whether it occurs only along with one that begins with another session.
     """
 
     kind: str
@@ -87,17 +87,17 @@ class Hypothesis:
 
     @property
     def sort(self) -> str:
-        """What a frozen slot is, whichever the limb: ``base.point.z``; empty where it is none."""
+        """A frozen slot's name without its limb: ``base.point.z``; empty if not a slot."""
         return self.slot.partition(".")[2] or self.slot
 
     @property
     def scanned(self) -> bool:
-        """Whether a grid has chosen constants of it, or might have chosen others."""
+        """Whether it has constants chosen from a grid."""
         return len(self.constants) > len(self.strokes)
 
     @cached_property
     def family(self) -> str:
-        """What distinguishes it: the kind, the frozen slot, the shape's place, a misreading."""
+        """Its distinguishing name: the kind, frozen slot, place of a shape, or misreading."""
         if self.misread:
             return self.misread
         if self.anonymous:
@@ -106,13 +106,13 @@ class Hypothesis:
 
     @property
     def called(self) -> str:
-        """What people call its kind: ``base_compliance about base``."""
+        """The usual name of its kind: ``base_compliance about base``."""
         return self.effect.label if self.effect else self.kind
 
     def apart(self, other: Hypothesis) -> float:
-        """Return by how much the constants of two hypotheses of a grid differ, part by part.
+        """Return the sum of relative differences of two hypotheses' grid constants.
 
-        A constant that only one of them has is 0 in the other.
+        A constant that only one of them has counts as 0 in the other.
         """
         names = sorted({*self.constants, *other.constants} - {*self.strokes, *other.strokes})
         pairs = [(self.constants.get(n, 0.0), other.constants.get(n, 0.0)) for n in names]
@@ -120,7 +120,7 @@ class Hypothesis:
 
     @cached_property
     def label(self) -> str:
-        """Return words for people: ``backlash on leg2``."""
+        """Readable name: ``backlash on leg2``."""
         if self.slot:
             return f"{GEOMETRY} {self.slot}"
         if self.anonymous:
@@ -136,12 +136,12 @@ class Hypothesis:
 
 
 SOME_FILES = "not recorded in some files"
-"""The topic of a reason that names the files."""
+"""The topic of a reason that names files."""
 
 
 @dataclass(frozen=True)
 class Untestable:
-    """A kind that the data cannot test, and what they lack."""
+    """A kind that the data cannot test, and what is missing."""
 
     kind: str
     missing: tuple[str, ...]
@@ -150,9 +150,9 @@ class Untestable:
 
 @dataclass(frozen=True, eq=False)
 class Library:
-    """All hypotheses: over white columns as ``products`` (N, m, T), and what is untestable.
+    """All hypotheses, their whitened columns as ``products`` (N, m, T), and untestable kinds.
 
-    ``misread``: effects of columns that are not what they are read as.
+    ``misread``: effects of misinterpreted columns.
     """
 
     products: Products
@@ -162,12 +162,12 @@ class Library:
 
     @property
     def count(self) -> int:
-        """How many columns there are."""
+        """Number of columns."""
         return self.products.shape[0]
 
     @property
     def columns(self) -> Array:
-        """All columns (N, m, T), made where they are asked for."""
+        """All columns (N, m, T), computed on access."""
         return self.some(range(self.count))
 
     def some(self, which: Sequence[int]) -> Array:
@@ -196,7 +196,7 @@ class Collector:
 
 
 def frozen_slots(to: Collector, tried: Sequence[int]) -> None:
-    """Add every frozen slot, and those that were freed to be tried."""
+    """Add every frozen slot, and those freed for the test."""
     problem = to.system.problem
     effects = {p for e in problem.mechanism.effects for p in e.parameters.values()}
     taken = (set(problem.free) - set(tried)) | effects
@@ -206,7 +206,7 @@ def frozen_slots(to: Collector, tried: Sequence[int]) -> None:
             continue
         shifts = [slot_shift(to.system, p) for _ in to.system.parts]
         if unseen is not None and unseen(shifts):
-            continue    # it moves the frame, which no joint value shows
+            continue    # it only moves the frame, to which joint values are blind
         limbs = [limb for limb in problem.mechanism.limbs
                  if any(i == p for _, i in limb.slots.direct)
                  or any(p in (r, a) for _, _, r, a in limb.slots.polar)]
@@ -227,11 +227,11 @@ def frozen_slots(to: Collector, tried: Sequence[int]) -> None:
 
 
 AS_ROUND_OFF = 1e-7
-"""Part of a column that others do not explain, and it is one of them."""
+"""Independent part of a column below which it counts as a combination of others."""
 
 
 def _as_free_ones(system: System) -> Callable[[Sequence[Shift]], bool]:
-    """Return who tells whether shifts do nothing that free parameters could not do as well."""
+    """Return a test whether shifts are a linear combination of free parameters."""
     free = linalg.column_basis(system.jacobian.reshape(system.observed.size, -1)
                                * system.observed.reshape(-1, 1))
 
@@ -259,14 +259,14 @@ def slot_shift(system: System, parameter: int) -> Shift:
 LOCAL, DISTORTION = "local", "distortion"
 SHAPES = (*((i / 12.0, w) for i in range(13) for w in (0.05, 0.1)),
           *((i / 24.0, 0.0) for i in range(2, 23)))
-"""Anonymous shapes: place and width in parts of the stroke; width 0 is a kink."""
+"""Anonymous shapes: place and width as fractions of the stroke; width 0 is a kink."""
 
 
 def shapes(to: Collector) -> None:
     """Add anonymous shapes: bumps and kinks along each joint, distortion of positions.
 
-    They are what local damage, a bent guide or a lens does, and more; what they fit has no
-    name here.
+    They represent local damage, a bent guide, a lens and the like; whatever they fit has no name
+    here.
     """
     everything = np.ones_like(to.turning)
     for a, name in enumerate(to.actuators):
@@ -289,7 +289,7 @@ def shapes(to: Collector) -> None:
     shifts = []
     for point in points:
         swell = np.sum((point - middle) ** 2, axis=1)
-        # a stretch that carries each point along its own way from the middle
+        # a stretch that moves each point along its direction from the middle
         along = np.maximum(np.sum(point**2, axis=1), 1e-12)[:, None, None]
         turn = np.eye(3) - middle[:, None] * point[:, None, :] / along
         shifts.append(Shift(stretch=swell[:, None, None] * turn))
@@ -299,6 +299,6 @@ def shapes(to: Collector) -> None:
 
 
 def _shape(travel: Array, at: float, width: float) -> Array:
-    """Return a bump of a width, or a kink where the width is 0."""
+    """Return a bump of a width, or a kink if the width is 0."""
     away = travel - at
     return np.asarray(np.exp(-0.5 * (away / width) ** 2) if width else np.maximum(away, 0.0))

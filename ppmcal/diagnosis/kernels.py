@@ -1,4 +1,4 @@
-"""How smooth a function is that nobody knows: its values are normal, near ones alike."""
+"""Kernels of unknown smooth functions: Gaussian processes with correlated nearby values."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from ppmcal.linalg import Array
 from ppmcal.model.effects.learned_curve import LearnedCurve, spline_basis
 
 LENGTHS = (0.06, 0.12, 0.25, 0.5, 1.0)
-"""Lengths of a kernel, in parts of the input's range."""
+"""Length scales of a kernel, as fractions of the input's range."""
 FINER = (0.015, 0.03)
-"""The same of functions that are finer than those."""
+"""Length scales of finer functions."""
 SECOND = 2.0
-"""Of the second of two inputs."""
+"""Length scale of the second of two inputs."""
 
 
 def matern(nodes: Array, length: float) -> Array:
-    """Return the Matern kernel (5/2) between nodes (n, n); ``length`` in parts of their range."""
+    """Return the Matern kernel (5/2) between nodes (n, n); ``length`` as a part of their range."""
     far = np.abs(nodes[:, None] - nodes[None, :]) / np.ptp(nodes)
     x = np.sqrt(5.0) * far / length
     return np.asarray((1.0 + x + x**2 / 3.0) * np.exp(-x))
 
 
 def whole_kernels(curve: LearnedCurve) -> list[Array]:
-    """Return the kernels (K, K) of a curve's values, by length, with what each input does alone."""
+    """Return the kernels (K, K) of a curve's values, by length, including main effects."""
     second = matern(curve.by_nodes, SECOND) if curve.by else np.ones((1, 1))
     return [np.asarray(np.kron(matern(curve.nodes, length), second)) for length in LENGTHS]
 
 
 def product_kernels(nodes: Array, by: Array, x: Array, y: Array) -> list[Array]:
-    """Return kernels (K, K), by length, of functions of two inputs less what each does alone.
+    """Return kernels (K, K), by length, of functions of two inputs without their main effects.
 
-    ``nodes``, ``by``: of the first and the second; ``x``, ``y``: values that they have.
+    ``nodes``, ``by``: of the first and the second; ``x``, ``y``: their values in the rows.
     """
     second, = beyond_mean([matern(by, SECOND)], by, y)
     return [np.asarray(np.kron(first, second)) for first in beyond_mean(
@@ -44,7 +44,7 @@ def product_kernels(nodes: Array, by: Array, x: Array, y: Array) -> list[Array]:
 
 
 def bends(x: Array, degree: int) -> Array:
-    """Return the powers (N, p) of a degree of places (N, c), of one sigma each, that vary.
+    """Return the monomials (N, p) of one degree in the varying, standardised columns of x (N, c).
 
     >>> bends(np.array([[0.0, 1.0], [1.0, 1.0], [2.0, 1.0]]), 2).shape
     (3, 1)
@@ -58,21 +58,21 @@ def bends(x: Array, degree: int) -> Array:
 
 
 def courses(wave: Array) -> list[Array]:
-    """Return kernels (k, k) of half waves: smooth, by length, and a Wiener walk."""
+    """Return kernels (k, k) of half waves: smooth ones, by length, and a Wiener process."""
     smooth = [np.diag((1.0 + (length * wave) ** 2 / 5.0) ** -3.0) for length in LENGTHS]
     return [*smooth, np.diag(wave**-2.0)]
 
 
 def roots(kernels: Sequence[Array], gram: Array, count: int) -> tuple[Array, ...]:
-    """Return the roots (K, K) of kernels, each so that it makes one sigma rms.
+    """Return the roots (K, K) of kernels, each scaled to an effect of one sigma rms.
 
-    ``gram`` (K, K): inner products of the columns; ``count``: of the values that were measured.
+    ``gram`` (K, K): inner products of the columns; ``count``: number of measured values.
     """
     return tuple(_root(kernel) / np.sqrt(np.sum(gram * kernel) / count) for kernel in kernels)
 
 
 def _root(kernel: Array) -> Array:
-    """Return the root R (n, n) of a kernel, R R' (n, n); each kernel is taken apart once."""
+    """Return the root R (n, n) of a kernel R R' (n, n); each kernel is decomposed once."""
     return _roots(kernel.tobytes(), len(kernel))
 
 

@@ -1,4 +1,4 @@
-"""What is left, against the noise: that which files state, or that of repeats."""
+"""Lack of fit: residuals relative to the noise, as stated in the files or shown by repeats."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ppmcal.model.repeats import repeats
 
 @dataclass(frozen=True)
 class PureError:
-    """Scatter of repeats in the same environment: sigma over the stated one, freedom."""
+    """Scatter of repeats in one environment: sigma over the stated one, degrees of freedom."""
 
     ratio: float
     freedom: int
@@ -39,7 +39,7 @@ def pure_error(system: System) -> PureError | None:
 
 
 def _environments(system: System) -> NDArray[np.int64] | None:
-    """Return one label per pose and environment (N,); different ones hide no effect."""
+    """Return one label per pose and environment (N,), or None without repeats."""
     own = np.zeros(system.dataset.size, dtype=np.int64)
     for i, data in enumerate(system.problem.datasets):
         mine = system.dataset == i
@@ -51,13 +51,13 @@ def _environments(system: System) -> NDArray[np.int64] | None:
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """What is left.
+    """The size of the residuals relative to the noise.
 
     Attributes:
         ratio: rms over the noise reference; excess: how many sigmas above it.
-        reference: noise over the stated noise, and where it is from.
-        follows: what the likeliest unknown cause looks like; empty where there is none.
-        known: probability that no unknown cause is in it.
+        reference: noise over the stated noise; ``source``: its origin.
+        follows: description of the most probable unknown cause; empty if there is none.
+        known: probability that the residuals contain no unknown cause.
     """
 
     ratio: float
@@ -75,9 +75,9 @@ class LackOfFit:
 
 def lack_of_fit(stage: Linearisation, pure: PureError | None, follows: str,
                 known: float) -> LackOfFit:
-    """Return what geometry and the chosen effects of a stage leave.
+    """Return the lack of fit of geometry and the chosen effects.
 
-    ``pure``: scatter of repeats, if there are any; ``follows``, ``known``: of what has no name.
+    ``pure``: scatter of repeats, if any; ``follows``, ``known``: of unknown causes.
     """
     freedom = max(stage.system.count - stage.explained(stage.chosen).shape[1], 1)
     rows = np.sum(stage.left(stage.chosen).reshape(stage.system.residual.shape) ** 2, axis=1)
@@ -88,14 +88,14 @@ def lack_of_fit(stage: Linearisation, pure: PureError | None, follows: str,
     if pure is not None and pure.freedom >= ENOUGH_REPEATS:
         reference, source = pure.ratio, "repeats"
         own = pure.ratio**2 * np.sqrt(2.0 / pure.freedom)
-    # a correlation that is off by so much whitens to another scale
+    # an error of the correlation changes the scale of the whitened residuals
     rho, off = stage.noise.rho, stage.noise.rho_error
     scale = mean * 2.0 * abs(rho) / (1.0 - rho**2) * off
-    # both as they would be at the noise's own level: few rows far above it scatter as far
+    # both scaled to the noise level: a few rows far above it would inflate them
     error, scale = (e * min(reference**2 / mean, 1.0) for e in (error, scale))
     sigma = np.sqrt(error**2 + own**2 + scale**2)
     excess = (mean - reference**2) / max(sigma, 1e-300)
-    # a handful of values is not normal: chi-squared says what chance gives
+    # few values are not normally distributed: use chi-squared
     excess = min(excess, -float(ndtri(chdtrc(freedom, freedom * mean / reference**2))))
     return LackOfFit(float(np.sqrt(mean)) / reference, float(excess), reference, source, follows,
                      known)

@@ -1,4 +1,4 @@
-"""What a learned term looks like, in words and in numbers for pictures. It describes only."""
+"""Descriptions of learned terms, in words and as data for plots; no inference."""
 
 from __future__ import annotations
 
@@ -18,33 +18,33 @@ from ppmcal.model.effects.learned import JOINT, LearnedCurve
 from ppmcal.model.effects.setting import PLACE
 
 RARE = 0.1
-"""A second input is shown where so many of the rows are beyond it, on either side."""
+"""A second input is shown at the quantiles with this fraction of the rows beyond, at either end."""
 POINTS = 121
-"""Points of the curve that a picture has."""
+"""Points of a plotted curve."""
 MOSTLY = 0.9
-"""It looks even, odd or repeating where so much of its mean square is."""
+"""A curve looks even, odd or repeating if this fraction of its mean square is."""
 KINK = 4.0
-"""It looks kinked where its bend is at most so many times the rms bend."""
+"""A curve looks kinked if its largest bend exceeds this multiple of the rms bend."""
 LEAST_PERIODS, MOST_PERIODS = 1.5, 10.0
 NEAR, FEW = 0.8, 3
-"""Kinds of effect that do nearly the same have at least this cosine; so many are reported."""
+"""Smallest cosine of kinds of effect reported as similar, and their largest number."""
 
 
 @dataclass(frozen=True, eq=False)
 class LearnedShape:
-    """One learned term as people read it, SI.
+    """One learned term in readable form, SI.
 
     Attributes:
         curve: the function; on: joints, empty for the machine.
         rms: over the rows.
         looks: even, odd, kinked, repeating, hysteretic; period in units of the input or None.
-        near: label of a kind of effect -> cosine of what both do that geometry cannot.
-        x, value, sigma: the curve and its standard deviation, over the range; of two inputs, at
+        near: label of a kind of effect -> cosine between both beyond the geometry.
+        x, value, sigma: the curve and its standard deviation, over the range; with two inputs, at
             the second one's ``ends[1]``.
         at, partial: input and partial residual of rows.
-        ends: where a second input is in a tenth of the rows below, and above; empty without one.
+        ends: the second input's 10 % and 90 % quantiles in the rows; empty without one.
         other: the curve at ``ends[0]``; empty without a second input.
-        equation: short, that does as well, or None.
+        equation: a short one that predicts equally well, or None.
     """
 
     curve: LearnedCurve
@@ -64,11 +64,11 @@ class LearnedShape:
 
 
 def shapes(found: LearnedTerms, stage: Linearisation) -> tuple[LearnedShape, ...]:
-    """Return what the learned terms look like.
+    """Return descriptions of the learned terms.
 
     Args:
         found: the terms.
-        stage: whose library they are compared with.
+        stage: linearisation with the library to compare them with.
     """
     known = found.equations or (None,) * len(found.learned.terms)
     return tuple(replace(_shape(found.seen, t, c, stage), equation=e) for t, c, e in zip(
@@ -93,7 +93,7 @@ def _shape(seen: Visible, term: Term, curve: LearnedCurve, stage: Linearisation)
 
 
 def _ends(seen: Visible, curve: LearnedCurve, on: Sequence[bool]) -> tuple[float, ...]:
-    """Return where a second input is low and high in the rows; empty without one."""
+    """Return low and high quantiles of a second input in the rows; empty without one."""
     if not curve.by:
         return ()
     rows = [curve.seen(p.setting)[1] for p in seen.system.parts]
@@ -104,7 +104,7 @@ def _ends(seen: Visible, curve: LearnedCurve, on: Sequence[bool]) -> tuple[float
 
 
 def _partial(seen: Visible, term: Term, curve: LearnedCurve) -> tuple[Array, Array, Array]:
-    """Return inputs, the term, and partial residuals: with what is left along its direction."""
+    """Return inputs, the term, and partial residuals: the term plus what is left along it."""
     terms = term.free @ curve.values
     shape = seen.system.residual.shape
     rest = seen.left - terms
@@ -130,7 +130,7 @@ def _partial(seen: Visible, term: Term, curve: LearnedCurve) -> tuple[Array, Arr
 
 
 def _looks(curve: LearnedCurve, x: Array, value: Array) -> tuple[tuple[str, ...], float | None]:
-    """Return words for a curve, and its period where it has one."""
+    """Return words for a curve, and its period or None."""
     words = ["hysteretic"] if curve.signed else []
     low, high = curve.nodes[0], curve.nodes[-1]
     middle = 0.0 if low < 0.0 < high and curve.input != "travel" else 0.5 * (low + high)
@@ -154,7 +154,7 @@ def _looks(curve: LearnedCurve, x: Array, value: Array) -> tuple[tuple[str, ...]
 
 
 def _period(x: Array, value: Array) -> float | None:
-    """Return the period of the one wave that most of a curve is, None if it is not a wave."""
+    """Return the period of a curve that is mostly one sine wave, otherwise None."""
     away = value - value.mean()
     total = float(np.sum(away**2)) or 1.0
     best, found = 0.0, None
@@ -170,7 +170,7 @@ def _period(x: Array, value: Array) -> float | None:
 
 def _near(stage: Linearisation, curve: LearnedCurve, on: Sequence[bool]) -> tuple[tuple[str, float],
                                                                                   ...]:
-    """Return the kinds of effect that do nearly the same, best first."""
+    """Return the kinds of effect that act nearly like a curve, most similar first."""
     seen = Visible(stage.system, stage.noise, stage.basis, stage.residual)
     columns = columns_of(seen, curve, on)
     if not np.isfinite(columns).all():

@@ -1,8 +1,8 @@
-"""What the likeliest unknown causes do, learned: functions that claim no cause.
+"""Learned terms: the effect of the most probable unknown causes, as functions without a cause.
 
-Which functions there are is asked beside all other causes; their values are the posterior of the
-same blocks, at the fits that are reported, from the rows that belong. They go into the machine
-unless they surely predict held-out poses worse.
+Which functions are present is inferred along with all other causes; their values are the posterior
+of the same blocks, at the reported fits, from the rows that are not outliers. They go into the
+machine unless they clearly predict held-out poses worse.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ from ppmcal.model.mechanism import Mechanism, with_effect
 
 def learned_beyond(asked: Round, found: Found, named: bool, whole: Fit, held: Sequence[Dataset],
                    options: DiagnosisOptions) -> LearnedTerms | None:
-    """Return what has no name, learned; None where it is not a function, or predicts surely worse.
+    """Return unknown causes as learned terms; None if not functions, or predicting clearly worse.
 
     Args:
         asked: the last question and its answer.
         found: the fits of the training rows.
-        named: whether their last has effects.
-        whole: the fit of all rows so far.
-        held: the poses that were held out.
+        named: whether the last of these has effects.
+        whole: the current fit of all rows.
+        held: the held-out poses.
         options: of the diagnosis.
     """
     forms = functions(asked)
@@ -58,7 +58,7 @@ def learned_beyond(asked: Round, found: Found, named: bool, whole: Fit, held: Se
 
 
 def functions(asked: Round) -> list[Placed]:
-    """Return the functions that lead where something has no name; shapes of travel are one."""
+    """Return the most probable function of each unknown cause; anonymous shapes count as one."""
     sources = asked.asked.sources
     causes = {(c.curve.inputs, c.curve.acts, c.curve.signed, c.on): c for c in sources
               if isinstance(c, UnknownCause) and c.curve is not None}
@@ -75,7 +75,7 @@ def functions(asked: Round) -> list[Placed]:
 
 
 def with_learned(whole: Fit, terms: LearnedTerms | None, options: FitOptions) -> Fit:
-    """Return a fit of all rows with what was learned, if anything was, in the machine."""
+    """Return a fit of all rows with the learned terms, if any, in the machine."""
     if terms is None:
         return whole
     return with_mechanism(whole, with_terms(whole.problem.mechanism, terms.learned), options)
@@ -84,15 +84,15 @@ def with_learned(whole: Fit, terms: LearnedTerms | None, options: FitOptions) ->
 def learned_terms(training: tuple[Fit, Sequence[Bools]], whole: tuple[Fit, Sequence[Bools]],
                   forms: Sequence[Placed], held: Sequence[Dataset], whitening: Whitening,
                   noise: float, options: DiagnosisOptions) -> LearnedTerms | None:
-    """Return functions learned beyond a fit, None where rows do not tell them or speak against.
+    """Return functions learned beyond a fit, None if rows do not determine or contradict them.
 
     Args:
-        training: the fit without the rows that are held out, and the rows to learn from (N,).
-        whole: the same of all rows.
+        training: the fit without the held-out rows, and the rows to learn from (N,).
+        whole: the same for all rows.
         forms: the functions.
-        held: rows left out of the first.
+        held: rows left out of ``training``.
         whitening: of the residuals.
-        noise: over the stated one.
+        noise: over the stated noise.
         options: of the diagnosis.
     """
     base = training[0]
@@ -113,8 +113,8 @@ def _as_well(base: Fit, fit: Fit, terms: Learned, seen: Visible, gap: Gap,
              ) -> tuple[Equation | None, ...]:
     """Return the equations of the training rows that predict held-out poses as well as the terms.
 
-    Each takes the place of its own term, the others staying as they are. ``fit``: with the terms;
-    ``gap``: of it.
+    Each replaces its own term, with the others unchanged. ``fit``: with the terms; ``gap``: its
+    own.
     """
     out: list[Equation | None] = []
     for i, found in enumerate(equations(seen, terms)):
@@ -136,10 +136,10 @@ def _as_well(base: Fit, fit: Fit, terms: Learned, seen: Visible, gap: Gap,
 
 def _fitted(fit: Fit, rows: Sequence[Bools], forms: Sequence[Placed], whitening: Whitening,
             options: FitOptions) -> tuple[Learned, Visible, Fit]:
-    """Return the terms, the rows that they are from, and the fit with them.
+    """Return the terms, the rows used to learn them, and the fit with them.
 
     Raises:
-        NoResult: where rows do not tell one of them.
+        NoResult: the rows do not determine one of them.
     """
     seen = visible(fit, rows, whitening)
     found = learned(seen, forms)
@@ -147,7 +147,7 @@ def _fitted(fit: Fit, rows: Sequence[Bools], forms: Sequence[Placed], whitening:
 
 
 def visible(fit: Fit, keep: Sequence[Bools], whitening: Whitening) -> Visible:
-    """Return rows of a fit with what geometry and effects cannot do there."""
+    """Return rows of a fit with the residuals that geometry and effects cannot absorb."""
     system = build(fit.problem, fit.state, subsample(list(keep), MOST_ROWS))
     basis = range_basis(whitening.apply(system.jacobian, system), INVISIBLE)
     residual = whitening.apply(system.residual[..., None], system)[:, 0]
@@ -155,7 +155,7 @@ def visible(fit: Fit, keep: Sequence[Bools], whitening: Whitening) -> Visible:
 
 
 def with_terms(mechanism: Mechanism, found: Learned) -> Mechanism:
-    """Return the machine with learned terms as effects that no fit changes."""
+    """Return the machine with learned terms as fixed effects."""
     for term, curve in zip(found.terms, found.curves, strict=True):
         mechanism = with_effect(mechanism, learned_kind(curve), term.on, {})
     return mechanism

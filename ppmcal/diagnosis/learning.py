@@ -1,11 +1,11 @@
-"""What is learned of an unknown cause: the posterior of its block, given all else.
+"""Learning an unknown cause: the posterior of its block, given everything else.
 
-The block is the one that the question had: the same values at nodes, kernels and sizes; a function
-of two inputs, or by direction, is learned with what each input does by itself. The rows are taken
-back to the nominal machine, geometry and named effects have their priors, the noise's scale is
-integrated, and so are lengths and sizes (Kennedy & O'Hagan 2001). What of a term geometry does as
-well is held at nothing (Plumlee 2017): a sum over the rows that is zero, and so on, so that
-it moves no parameter's meaning; and so is what moves the platform where the instrument is blind.
+The block is that of the inference: the same values at nodes, kernels and sizes; a function of two
+inputs, or by direction, is learned including the main effect of each input. The rows are linearised
+about the nominal machine, geometry and named effects have their priors, and the noise scale,
+lengths and sizes are integrated out (Kennedy & O'Hagan 2001). Parts of a term that geometry absorbs
+are constrained to zero (Plumlee 2017), such as its sum over the rows, so that no parameter changes
+its meaning; so are parts that move the platform in directions to which the instrument is blind.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ from ppmcal.model.effects.setting import PLACE
 Placed = tuple[LearnedCurve, tuple[bool, ...]]
 """A function without its values, and the joints on which it acts."""
 UNSEEN = 1e-4
-"""Directions that rows see by less than this part of the strongest keep what the kernel says."""
+"""Directions less visible in the rows than this part of the strongest keep their prior."""
 ROUND_OFF = 1e-10
-"""Shapes to which the kernels give less than this part of the most are none."""
+"""Shapes with less prior variance than this part of the largest are dropped."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """What a term may be: values = ``root`` z (K, r), z standard normal times its size.
+    """Prior of a term: values = ``root`` z (K, r), z standard normal times its size.
 
-    ``lost`` (K, d): values that geometry does as well; ``held`` (d, K): what a term has of them, by
-    its values: nothing.
+    ``lost`` (K, d): values that geometry absorbs; ``held`` (d, K): their amounts in given values,
+    constrained to zero.
     """
 
     root: Array
@@ -52,7 +52,7 @@ class Shape:
     held: Array
 
     def gauged(self, values: Array) -> Array:
-        """Return values at the nodes (K,) less what geometry does as well."""
+        """Return values at the nodes (K,) without the part that geometry absorbs."""
         amount = linalg.lstsq(self.held @ self.lost, self.held @ values, rcond=None)[0]
         return np.asarray(values - self.lost @ amount)
 
@@ -61,8 +61,8 @@ class Shape:
 class Term:
     """A function to be learned: a curve without values, the joints, its columns (n, K).
 
-    ``free``: the columns without what geometry and named effects could do instead; ``shapes``: one
-    for each root of its block; ``likeliest``: which.
+    ``free``: the columns without the part that geometry and named effects absorb; ``shapes``: one
+    for each root of its block; ``likeliest``: the most probable one.
     """
 
     curve: LearnedCurve
@@ -73,14 +73,14 @@ class Term:
     likeliest: int = 0
 
     def block(self, first: int) -> Block:
-        """Return what it may be as a block; ``first``: number of its column.
+        """Return its prior as a block; ``first``: number of its first column.
 
         Raises:
-            NoResult: where nothing shows of it.
+            NoResult: the rows show nothing of it.
         """
         width = max(s.root.shape[1] for s in self.shapes)
         if not width:
-            raise NoResult("nothing of a learned term shows in these rows")
+            raise NoResult("these rows show nothing of a learned term")
         return Block("learned", UNKNOWN_FAMILY, tuple(range(first, first + self.columns.shape[1])),
                      0.0, tuple(np.pad(s.root, ((0, 0), (0, width - s.root.shape[1])))
                                 for s in self.shapes))
@@ -88,7 +88,7 @@ class Term:
 
 @dataclass(frozen=True, eq=False)
 class Learned:
-    """Terms with their curves; ``sigma``: of the noise, over the whitened one."""
+    """Terms with their curves; ``sigma``: noise over the whitened noise."""
 
     terms: tuple[Term, ...]
     curves: tuple[LearnedCurve, ...]
@@ -96,10 +96,10 @@ class Learned:
 
 
 def learned(seen: Visible, functions: Sequence[Placed]) -> Learned:
-    """Return what rows say of functions, each given the others.
+    """Return functions learned from rows, each given the others.
 
     Raises:
-        NoResult: where the instrument does not see one of them, or nothing of it shows.
+        NoResult: the instrument is blind to one of them, or the rows show nothing of it.
     """
     motion = observed_motion(seen.system)
     terms = [term(seen, motion, *own) for own in functions]
@@ -119,14 +119,14 @@ def learned(seen: Visible, functions: Sequence[Placed]) -> Learned:
 
 
 def term(seen: Visible, motion: ObservedMotion, curve: LearnedCurve, on: tuple[bool, ...]) -> Term:
-    """Return a function as these rows see it; ``motion``: what they see of the platform's.
+    """Return a function's term in these rows; ``motion``: the observed motion of the platform.
 
     Raises:
-        NoResult: where it moves what the instrument does not see.
+        NoResult: it moves the platform in directions to which the instrument is blind.
     """
     if not (motion.joint_seen(on) if curve.acts == JOINT else
             motion.place_seen(PLACE[curve.acts])):
-        raise NoResult("something of a learned term is not seen by the instrument")
+        raise NoResult("the instrument does not observe all of a learned term")
     columns = columns_of(seen, curve, on)
     free = without_range(columns, seen.basis)
     moved = motion.grams([curve.weights(p.setting) for p in seen.system.parts], on) if (
@@ -138,10 +138,10 @@ def term(seen: Visible, motion: ObservedMotion, curve: LearnedCurve, on: tuple[b
 
 
 def _shape(root: Array, by_rows: tuple[Array, Array], moved: tuple[Array, Array] | None) -> Shape:
-    """Return what a term may be by one root (K, K) of its block.
+    """Return the prior of a term for one root (K, K) of its block.
 
     ``by_rows``: inner products (K, K) of its columns, whole and past the geometry; ``moved``: of
-    how it moves the platform, whole and as far as that is seen, None where all of it is.
+    its motion of the platform, whole and as far as observed, None if all is observed.
     """
     size = np.sum(root**2, axis=0)
     keep = size > ROUND_OFF * float(size.max())
@@ -156,9 +156,9 @@ def _shape(root: Array, by_rows: tuple[Array, Array], moved: tuple[Array, Array]
 
 
 def _gone(root: Array, whole: Array, left: Array) -> tuple[Array, Array]:
-    """Return the z (r, d) that leave next to nothing, and how much (d, r) each z has of them.
+    """Return the z (r, d) that are almost fully absorbed, and their amounts (d, r) in each z.
 
-    ``whole``, ``left`` (K, K): inner products of columns, and of what is left of them.
+    ``whole``, ``left`` (K, K): inner products of columns, and of the part not absorbed.
     """
     there = root.T @ whole @ root
     metric = there + UNSEEN * float(linalg.eigvalsh(there)[-1]) * np.eye(len(there))
@@ -169,12 +169,12 @@ def _gone(root: Array, whole: Array, left: Array) -> tuple[Array, Array]:
 
 
 def _without(held: Array) -> Array:
-    """Return the z (r, r - d) that have nothing of what is ``held`` (d, r)."""
+    """Return a basis (r, r - d) of the z for which the ``held`` (d, r) amounts are zero."""
     return linalg.svd(held, full=True)[2][len(held):].T if len(held) else np.eye(held.shape[1])
 
 
 def _past_geometry(seen: Visible, terms: Sequence[Term]) -> Conditioned:
-    """Return rows and the columns of terms with the geometry taken, as tolerances have it."""
+    """Return rows and the columns of terms conditioned on the geometry, with its tolerances."""
     system, shape = seen.system, seen.system.residual.shape
     values, geometry = (seen.noise.apply(x.reshape(*shape, -1), system)
                         for x in at_nominal(system))

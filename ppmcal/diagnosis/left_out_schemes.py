@@ -1,7 +1,7 @@
-"""What rows are left out by: whole sessions, stretches of time and of the environment.
+"""Schemes for leaving rows out: whole sessions, ranges of time and of the environment.
 
-Poses that are left out lie between others that were measured at the same time and temperature: an
-effect of time or heat that is wrong predicts them all the same.
+Leaving out single poses is not enough: they lie between others measured at the same time and
+temperature, so that even a wrong effect of time or heat predicts them.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from ppmcal.linalg import Array, Bools
 from ppmcal.model.sessions import session_masks
 
 LEVELS = 3
-"""A load of fewer levels cannot be left out: the others would not tell what it does."""
+"""With fewer levels of load, none can be left out: the others would not show its effect."""
 SESSION = "session"
 
 
 def schemes(problem: Problem) -> Iterator[tuple[str, list[list[Bools]]]]:
-    """Yield what rows are left out by, and the blocks: a mask (N,) by data set for each."""
+    """Yield each scheme's name and blocks of rows: a mask (N,) by data set for each block."""
     parts = session_masks(problem.datasets)
     if len(parts) > 1:
         yield SESSION, [mask for _, mask in parts]

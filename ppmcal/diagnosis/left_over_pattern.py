@@ -1,8 +1,8 @@
-"""What pattern a residual has that hardly any freedom is left for, and what would explain it.
+"""The pattern of a residual with few degrees of freedom, and what would explain it.
 
-With as many touches as parameters, or one more, a test has no power, but what is left over lies in
-a space of one, two or three directions. Whatever closed slot or effect moves along the residual
-there explains it, and these data cannot tell which.
+With as many touches as parameters, or one more, a test has no power, but the residual lies in a
+space of one, two or three directions. Any frozen slot or effect along the residual there explains
+it, and these data cannot decide between them.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ from ppmcal.linalg import Array
 from ppmcal.wording import pluralize
 
 FEW = 3
-"""So many degrees of freedom are few enough to name the directions that are left."""
+"""Most degrees of freedom for which the remaining directions are examined."""
 VISIBLE = 0.02
-"""What keeps less than this part of itself there does not move along any of them."""
+"""A candidate with a smaller part than this in the remaining directions does not act along them."""
 ALIKE = 0.98
-"""Cosine with the residual from which on a candidate explains it."""
+"""Cosine with the residual above which a candidate explains it."""
 MOSTLY = 0.6
 """A residual is a wave about the middle if that explains this part of its square."""
 WAVES = range(2, 5)
 SHOWN = 8
 RESIDUAL = 3.0
-"""Times the noise from which on it is worth a word."""
+"""Multiple of the noise above which it is reported."""
 
 
 @dataclass(frozen=True)
 class LeftOverPattern:
     """A residual in few directions.
 
-    ``freedom``: how many; ``ratio``: rms over the noise there; ``wave``: waves about the middle, 0
-    if none; ``slots``: closed parameters that move along it, ``kinds``: the same without their
-    limbs, and effects, each explaining it alone.
+    ``freedom``: their number; ``ratio``: rms over the noise there; ``wave``: waves about the
+    middle, 0 if none; ``slots``: frozen parameters that act along it, ``kinds``: the same without
+    their limbs, and effects, each sufficient to explain it.
     """
 
     freedom: int
@@ -49,7 +49,7 @@ class LeftOverPattern:
 
 
 def left_over_pattern(fit: Fit) -> LeftOverPattern | None:
-    """Return what is left over; None where freedom is ample, or nothing exceeds the noise."""
+    """Return the residual's pattern; None if freedom is ample, or nothing exceeds the noise."""
     system = build(fit.problem, fit.state, fit.keep)
     seen = system.observed.reshape(-1)
     basis = range_basis(fit.noise * _flat(system, system.jacobian)[seen], INVISIBLE)
@@ -68,7 +68,7 @@ def left_over_pattern(fit: Fit) -> LeftOverPattern | None:
     for hypothesis in found.hypotheses:
         at = list(hypothesis.columns)
         some = own[:, at]
-        # a step in some row explains any one direction
+        # a step at some row would explain any single direction
         event = hypothesis.effect is not None and bool(hypothesis.effect.onset)
         if hypothesis.anonymous or event or len(at) > freedom or np.linalg.norm(some) < (
                 VISIBLE * np.linalg.norm(columns[:, at])):
@@ -95,14 +95,14 @@ def _kind(fit: Fit, slot: str) -> str:
 
 
 def _wave(fit: Fit, system: System, rest: Array) -> int:
-    """Return how many waves about the middle of the poses a residual (N,) of one number has."""
+    """Return the number of waves of a scalar residual (N,) about the middle of the poses."""
     if any(not d.kind.scalar for d in fit.problem.datasets) or rest.size != len(system.row):
         return 0
     place = pose_vector(np.concatenate([p.response.pose for p in system.firsts]))[:, :2]
     away = place - place.mean(axis=0)
     radius, angle = np.linalg.norm(away, axis=1), np.arctan2(away[:, 1], away[:, 0])
     if not radius.max() > 0.0:
-        return 0    # one place again and again
+        return 0    # always the same place
     shares = {}
     for k in WAVES:
         wave = (radius / radius.max())[:, None] ** k * np.stack(
@@ -113,14 +113,14 @@ def _wave(fit: Fit, system: System, rest: Array) -> int:
 
 
 def pattern_sentence(found: LeftOverPattern, more: int | None, touches: bool) -> str:
-    """Return what to say; ``more``: measurements that would tell, None where none is planned."""
+    """Return the sentence; ``more``: measurements that would decide, None if none are planned."""
     wave = f", the {found.wave}-theta pattern about the middle," if found.wave else ""
     names = [*found.kinds[:SHOWN], *(["..."] if len(found.kinds) > SHOWN else [])]
     text = (
         f"{pluralize(found.freedom, 'degree')} of freedom {'is' if found.freedom == 1 else 'are'}"
-            f" left, and what is left over{wave} is {found.ratio:.3g} times the noise: ")
+            f" left, and the residual{wave} is {found.ratio:.3g} times the noise: ")
     what = f"{', '.join(names)} would each explain it" if names else (
-        "no closed parameter and no effect explains it")
+        "no frozen parameter and no effect explains it")
     if more is None or not names:
         return text + what
-    return f"{text}{what}; {more} more {'touches' if touches else 'poses'} would tell"
+    return f"{text}{what}; {more} more {'touches' if touches else 'poses'} would decide"

@@ -1,7 +1,7 @@
-"""The columns of a library: told one by one, made together.
+"""The columns of a library: specified one by one, computed together.
 
-A column is kept as the shifts that make it, as another one from a row on, or as a sum of others.
-What a slot moves is asked once; columns that differ only by how far it moves are one product.
+A column is stored as its shifts, as another column restricted to some rows, or as a sum of others.
+The response to a slot is computed once; columns differing only by its shift are one product.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from ppmcal.model.effects import Shift
 
 
 def only_slots(shift: Shift) -> bool:
-    """Whether a shift moves nothing but slots of limbs."""
+    """Whether a shift moves only slots of limbs."""
     return not shift.targets and all(
         v is None for v in (shift.pose, shift.stretch, shift.frame, shift.target))
 
 
 FEW = 4
-"""So many columns of one slot are worth a product of their own."""
+"""Fewest columns of one slot for which a product pays."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,11 +39,11 @@ class Outer:
 
 @dataclass(frozen=True, eq=False)
 class Products:
-    """Columns (T,) of N rows and m coordinates, as what they are made of.
+    """Columns (T,) of N rows and m coordinates, in factored form.
 
-    ``whole``: which stand for themselves, and ``given`` (W, N, m) what they are; ``outer``: those
-    that are products, so that inner products with them take a row for its coordinates; ``sums``:
-    those that are sums of others.
+    ``whole``: indices of columns stored in full, and ``given`` (W, N, m) their values; ``outer``:
+    columns that are products, which makes inner products with them cheap; ``sums``: columns that
+    are sums of others.
     """
 
     shape: tuple[int, int, int]
@@ -53,7 +53,7 @@ class Products:
     sums: dict[int, Sequence[int]]
 
     def some(self, which: Sequence[int]) -> Array:
-        """Return some columns (N, m, k), one after the other in memory; one may be asked twice."""
+        """Return some columns (N, m, k), each contiguous in memory; repeats are allowed."""
         sums = {n: self.sums[t] for n, t in enumerate(which) if t in self.sums}
         need = [*which, *{c for own in sums.values() for c in own}.difference(which)]
         home, place = self._homes
@@ -73,7 +73,7 @@ class Products:
 
     @cached_property
     def _homes(self) -> tuple[Ints, Ints]:
-        """By column (T,): number of its product, or that after the last; where it is there."""
+        """By column (T,): number of its product, or one past the last; its index there."""
         home, place = np.full(self.shape[0], -1), np.zeros(self.shape[0], dtype=np.int64)
         for n, at in enumerate([*(p.at for p in self.outer), self.whole]):
             home[at], place[at] = n, np.arange(at.size)
@@ -95,7 +95,7 @@ class Products:
 
 
 class LibraryColumns:
-    """Collects what columns are over the rows of a system."""
+    """Collects the columns over the rows of a system."""
 
     def __init__(self, system: System) -> None:
         self.system = system
@@ -106,34 +106,34 @@ class LibraryColumns:
         self._sums: dict[int, Sequence[int]] = {}
 
     def add(self, column: Array) -> int:
-        """Add one white column (N, m); return where it is."""
+        """Add one whitened column (N, m); return its index."""
         self._given[self.count] = column
         return self._next()
 
     def shifted(self, shifts: Sequence[Shift], factor: float = 1.0) -> int:
-        """Add the column of one shift per part, times a factor; return where it is."""
+        """Add the column of one shift per part, times a factor; return its index."""
         self._shifted[self.count] = factor, shifts
         return self._next()
 
     def value(self, at: int) -> Array:
-        """Return a column of shifts, or a sum of such (N, m)."""
+        """Return a column of shifts, or a sum of them (N, m)."""
         if at in self._sums:
             return np.asarray(np.sum([self.value(c) for c in self._sums[at]], axis=0))
         factor, shifts = self._shifted[at]
         return factor * self.system.column(shifts)
 
     def later(self, column: Array, rows: Array | Bools) -> int:
-        """Add what a column (N, m) is in some rows (N,), and 0 in the others; or times factors."""
+        """Add a column (N, m) restricted to a mask of rows (N,), or times factors per row (N,)."""
         self._later[self.count] = column, rows
         return self._next()
 
     def sum_of(self, columns: Sequence[int]) -> int:
-        """Add the sum of columns added before that are not sums themselves; return where it is."""
+        """Add the sum of columns already added that are not sums themselves; return its index."""
         self._sums[self.count] = columns
         return self._next()
 
     def made(self) -> Products:
-        """Return all columns as what they are made of."""
+        """Return all columns in factored form."""
         outer = [*self._by_slot(), *self._by_event()]
         there = {int(c) for product in outer for c in product.at}
         given = self._given | {
@@ -151,7 +151,7 @@ class LibraryColumns:
         return self.count - 1
 
     def _by_slot(self) -> Iterator[Outer]:
-        """Yield the columns of shifts of one slot alone, slot by slot."""
+        """Yield the columns whose shifts are of a single slot, slot by slot."""
         parts = self.system.parts
         if len(parts) > len(self.system.firsts):
             return      # a row with two ends is a sum of two products
@@ -171,7 +171,7 @@ class LibraryColumns:
                             self.system.column([Shift({slot: one}) for one in ones]))
 
     def _by_event(self) -> Iterator[Outer]:
-        """Yield the columns that are another one in some rows."""
+        """Yield the columns that are restrictions of another one, column by column."""
         told: dict[int, list[int]] = defaultdict(list)
         for at, (column, _) in self._later.items():
             told[id(column)].append(at)

@@ -1,7 +1,7 @@
-"""The linearised problem that effects are searched in: rows as plain arrays, whitened.
+"""The linearised problem in which effects are searched for: rows as plain arrays, whitened.
 
-N rows of m coordinates; a row that lacks a coordinate carries zeros there. All arrays are
-white with respect to the stated noise; :class:`Whitening` adds the correlation from row to row.
+N rows of m coordinates; a row that lacks a coordinate has zeros there. All arrays are whitened by
+the stated noise; :class:`Whitening` adds the correlation from row to row.
 """
 
 from __future__ import annotations
@@ -27,23 +27,23 @@ from ppmcal.model.effects import Setting, Shift
 from ppmcal.model.sessions import pose_labels
 
 MOST_ROWS = 1500
-"""Effects are searched in at most so many rows, evenly spread; fits use them all."""
+"""Effects are searched for in at most this many rows, evenly spread; fits use all rows."""
 BLOCK, TOGETHER = 64, 2**20
-"""Columns, and numbers of columns, that are worked on at a time: what is in between stays small."""
+"""Columns, and entries, processed at a time, to keep intermediate arrays small."""
 RANK = 1e-9
 """Directions below this part of the strongest are round-off."""
 INVISIBLE = 0.3
-"""A direction of which one tolerance changes all residuals together by less than this many
-sigmas cannot have made a noticeable error, nor may it imitate an effect."""
+"""A direction in which one tolerance changes all residuals together by less than this many sigmas
+cannot cause a noticeable error, nor may it mimic an effect."""
 
 
 @dataclass(frozen=True, eq=False)
 class SystemPart:
     """Rows ``at`` (slice of the system) of one data set: how they respond to shifts.
 
-    ``companions``: other targets at the same stands, given which the rows are white. ``stood``:
-    one label per pose (n,) where readings of joints are measurements too, whatever measures the
-    pose: an effect that followed them would follow their noise, which is in the residual.
+    ``companions``: other targets at the same stops, given which the rows are white. ``stood``: one
+    label per pose (n,) if joint readings are measurements too, whatever measures the pose: an
+    effect computed from each reading would follow their noise, which is in the residual.
 
     Distances between two platform positions have two parts, one per end.
     """
@@ -57,7 +57,7 @@ class SystemPart:
 
     @cached_property
     def setting(self) -> Setting:
-        """What effects may know of these rows."""
+        """The inputs of effects in these rows."""
         return self.response.setting(self.stood)
 
     @cached_property
@@ -68,13 +68,13 @@ class SystemPart:
                        if limb.actuator == a}) for a in range(self.setting.turning.size)]
 
     def column(self, shift: Shift) -> Array:
-        """Return the white column (n, m) of a shift."""
+        """Return the whitened column (n, m) of a shift."""
         return self.whitened(lambda response: response.column(shift))
 
     def whitened(self, raw: Callable[[Response], Array]) -> Array:
-        """Return white values (n, m) of what ``raw`` makes of the rows, m and rad.
+        """Return the whitened values (n, m) that ``raw`` computes for the rows, m and rad.
 
-        Given those of other targets at the same stands, which are moved alike.
+        Conditional on those of other targets at the same stops, which move alike.
         """
         return whitened(self.whitener, self.response.seen.observed, raw(self.response),
                         ((c, raw(c.response)) for c in self.companions))
@@ -84,7 +84,7 @@ class SystemPart:
 class System:
     """Rows of a fit: ``residual`` (N, m), ``jacobian`` (N, m, C) scaled, ``observed``.
 
-    ``dataset``, ``row`` (N,) say where each came from; ``group`` (N,) the commanded pose.
+    ``dataset``, ``row`` (N,): origin of each row; ``group`` (N,): its commanded pose.
     """
 
     problem: Problem
@@ -99,10 +99,10 @@ class System:
 
     @cached_property
     def apart(self) -> Ints:
-        """How many rows of its file each row is after the one before, 0 in another file (N-1,).
+        """Number of file rows from each row to the next (N-1,), 0 between files.
 
-        0 too between joint values alone that are read several times at each place: what such rows
-        have in common is what limbs pull there, and is asked for as that.
+        Also 0 between rows of joint values alone that are read several times at each stop: their
+        common error comes from the limbs' pull there, and is modelled as that.
         """
         number = np.array([self.problem.datasets[i].rows[n] for i, n in
                            zip(self.dataset, self.row, strict=True)], dtype=np.int64)
@@ -113,12 +113,12 @@ class System:
 
     @cached_property
     def blind(self) -> Bools:
-        """Which rows are joint values alone (N,)."""
+        """Which rows have joint values alone (N,)."""
         return np.array([d.kind.blind for d in self.problem.datasets])[self.dataset]
 
     @property
     def firsts(self) -> tuple[SystemPart, ...]:
-        """One part per row: of distances between two platform positions the first."""
+        """One part per row: the first for distances between two platform positions."""
         return tuple(p for p in self.parts if p.response.end == 0)
 
     @property
@@ -128,17 +128,17 @@ class System:
 
     @cached_property
     def jacobian_scale(self) -> Array:
-        """By which the columns of the Jacobian are scaled (C,)."""
+        """Scale factors of the columns of the Jacobian (C,)."""
         return column_scale(self.problem)
 
     @cached_property
     def stroke(self) -> float:
-        """The longest way of a joint in these rows, m or rad."""
+        """The longest travel of a joint in these rows, m or rad."""
         travel = np.concatenate([p.setting.travel for p in self.parts])
         return float(np.ptp(travel, axis=0).max())
 
     def column(self, shifts: Sequence[Shift]) -> Array:
-        """Return the white column (N, m) of one shift per part."""
+        """Return the whitened column (N, m) of one shift per part."""
         out = np.zeros(self.residual.shape)
         for part, shift in zip(self.parts, shifts, strict=True):
             column = part.column(shift)
@@ -149,7 +149,7 @@ class System:
 def build(problem: Problem, state: State, keep: Sequence[Bools]) -> System:
     """Return the system of the rows ``keep`` (N,) of each data set at a state.
 
-    Each counts whole: what a fit without the causes misses is what tells of them.
+    Every row has full weight: rows misfitted without the causes are the evidence for them.
     """
     chunks = list(problem.weighted(None).rows(state, True, keep))
     width = max(c.residual.shape[1] for c in chunks)
@@ -176,7 +176,7 @@ def build(problem: Problem, state: State, keep: Sequence[Bools]) -> System:
 
 
 def _groups(problem: Problem, dataset: Ints, row: Ints) -> Ints:
-    """Return one label per commanded pose, the same in files of one campaign (N,)."""
+    """Return one label per commanded pose (N,), shared by files of one campaign."""
     label = np.zeros(dataset.size, dtype=np.int64)
     for i, own in enumerate(pose_labels(problem.datasets)):
         mine = dataset == i
@@ -186,7 +186,7 @@ def _groups(problem: Problem, dataset: Ints, row: Ints) -> Ints:
 
 @dataclass(frozen=True)
 class Whitening:
-    """What makes residuals white from row to row: the correlation ``rho`` of AR(1).
+    """Whitening of residuals from row to row, by the correlation ``rho`` of AR(1).
 
     ``rho_error``: standard deviation of ``rho``.
     """
@@ -203,6 +203,6 @@ class Whitening:
 def range_basis(matrix: Array, least: float = 0.0) -> Array:
     """Return an orthonormal basis (n, rank) of a matrix's columns.
 
-    Directions of a singular value below ``least`` are left out.
+    Directions with a singular value below ``least`` are left out.
     """
     return linalg.range_basis(matrix, RANK, least)

@@ -1,4 +1,4 @@
-"""The linear problem at a fit: rows, geometry and hypotheses, white."""
+"""The linear problem at a fit: rows, geometry and hypotheses, whitened."""
 
 from __future__ import annotations
 
@@ -14,21 +14,20 @@ from ppmcal.diagnosis.linear_system import INVISIBLE, System, Whitening, range_b
 from ppmcal.linalg import Array, column_lengths, without_range
 
 VISIBLE = 1e-4
-"""Directions of unit columns are absorbed by the geometry where it leaves less than this of
-them."""
+"""Directions of unit columns count as absorbed if the geometry leaves less than this of them."""
 WEAK_VISIBILITY = 0.2
-"""Effects are weakly testable where the geometry leaves less than this of them."""
+"""Effects are weakly testable if the geometry leaves less than this part of them."""
 
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """The linear problem at one state, and what is in the model there.
+    """The linear problem at one state, and the hypotheses in the model there.
 
     Attributes:
         system, library, noise: rows, hypotheses, whitening.
-        basis: of the geometry, whitened (n, r); residual (n,) whitened, the contributions
-            of effects that the state already has added back.
-        chosen: indices of the hypotheses that are in the model.
+        basis: of the geometry, whitened (n, r); residual (n,) whitened, with the contributions of
+            effects already in the state added back.
+        chosen: indices of the hypotheses in the model.
         added: columns of the problem that belong to effects under test.
     """
 
@@ -42,7 +41,7 @@ class Linearisation:
 
     @property
     def freedom(self) -> int:
-        """Values less what the geometry takes."""
+        """Degrees of freedom: values less the rank of the geometry."""
         return self.system.count - int(self.basis.shape[1])
 
     @property
@@ -52,7 +51,7 @@ class Linearisation:
 
     @property
     def named(self) -> tuple[Hypothesis, ...]:
-        """The hypotheses that are in the model."""
+        """The hypotheses in the model."""
         return tuple(self.hypotheses[i] for i in self.chosen)
 
     def some(self, which: Sequence[int]) -> Array:
@@ -60,21 +59,21 @@ class Linearisation:
         return self.noise.apply(self.library.some(which), self.system)
 
     def past(self, which: Sequence[int]) -> tuple[Array, Array]:
-        """Return what the geometry leaves of some columns, made unit (n, k), and their lengths."""
+        """Return some columns scaled to unit length, without geometry (n, k), and their lengths."""
         columns = self.some(which)
         length = column_lengths(columns)
         return without_range(columns / length, self.basis), length
 
     def plane(self, which: Sequence[int]) -> Array:
-        """Return a basis (n, r) of what the geometry leaves of some columns."""
+        """Return a basis (n, r) of some columns without geometry."""
         return range_basis(self.past(which)[0], VISIBLE)
 
     def visibility(self, which: Sequence[int]) -> float:
-        """Return which part of the columns' length the geometry leaves."""
+        """Return the part of the columns' length that the geometry leaves, rms."""
         return float(np.sqrt(np.mean(column_lengths(self.past(which)[0]) ** 2)))
 
     def sizes(self, which: Sequence[int]) -> Array:
-        """Return the coefficients (k,) of some columns that explain most beside the geometry."""
+        """Return the least-squares coefficients (k,) of some columns, next to the geometry."""
         unit, length = self.past(which)
         return np.asarray(linalg.lstsq(unit, self.residual, rcond=VISIBLE)[0] / length)
 
@@ -91,14 +90,14 @@ class Linearisation:
 
 def linearisation_of(system: System, found: Library, chosen: Sequence[int], noise: Whitening,
                      added: Sequence[int] = ()) -> Linearisation:
-    """Return the linear problem of a library with hypotheses in the model that were chosen."""
+    """Return the linear problem of a library with the chosen hypotheses in the model."""
     basis = range_basis(noise.apply(system.jacobian, system), INVISIBLE)
     residual = noise.apply(system.residual[..., None], system)[:, 0]
     return Linearisation(system, found, noise, basis, residual, tuple(chosen), tuple(added))
 
 
 def without(system: System, added: Sequence[int]) -> System:
-    """Take effects that a fit already has out of the geometry, and put back what they do."""
+    """Take effects already in a fit out of the geometry, and add their contribution back."""
     if not added:
         return system
     rest = [c for c in range(system.jacobian.shape[-1]) if c not in set(added)]
@@ -113,16 +112,16 @@ def without(system: System, added: Sequence[int]) -> System:
         value = float(system.state.g[system.problem.free[c]])
         if parameter.size is None:
             value -= parameter.nominal
-        if not parameter.nonlinear:  # else it only shapes others
+        if not parameter.nonlinear:  # otherwise it only shapes the others
             sign = -1.0 if parameter.reciprocal else 1.0
             residual += sign * system.jacobian[..., c] / scale[c] * value
     return replace(system, jacobian=system.jacobian[..., rest], residual=residual)
 
 
 def scaling_columns(system: System, columns: Sequence[int]) -> dict[int, Array]:
-    """Return what effects do (N, m) that scale with the parameter of one of some columns.
+    """Return the contributions (N, m) of effects that scale with the parameter of a column.
 
-    They are not their derivative times it.
+    These are not the derivative times the parameter.
     """
     place = {system.problem.free[c]: c for c in columns if c < len(system.problem.free)}
     mechanism, out = system.problem.mechanism, {}

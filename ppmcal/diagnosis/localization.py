@@ -1,7 +1,7 @@
-"""Where the residuals are: by actuator, direction, load, temperature, region and time.
+"""Localisation of residuals: by actuator, direction, load, temperature, region and time.
 
-Description, not naming: dq = J_q^+ r attributes a row's residual to joints, whatever its
-cause. Every figure stands beside what noise alone gives through the same projections.
+This describes, it does not name causes: dq = J_q^+ r attributes a row's residual to joints,
+whatever its cause. Every figure is compared with noise alone through the same projections.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ DRAWS = 400
 
 @dataclass(frozen=True)
 class Place:
-    """One group of residuals: rms over what noise gives, and how rarely noise gives more.
+    """One group of residuals: rms over that of noise, and the probability of more by noise.
 
-    ``rms_ratio_after``: of the same group with the effects, None where none of its rows is used.
+    ``rms_ratio_after``: for the same group with the effects, None if none of its rows is used.
     """
 
     by: str
@@ -40,8 +40,8 @@ def localise(before: Linearisation, after: Linearisation, seed: int) -> tuple[Pl
     """Return the residuals' strength group by group, strongest first within each kind.
 
     Args:
-        before: without the effects; it says which row is in which group.
-        after: with them, at another fit and perhaps over other rows.
+        before: without the effects; it assigns rows to groups.
+        after: with them, at another fit and possibly with other rows.
         seed: of the simulated noise.
     """
     table = recorded(before)
@@ -81,7 +81,7 @@ def _place(by: str, value: str, figures: Array) -> Place:
     rms = np.sqrt(figures)
     p = float((np.sum(rms[1:] >= rms[0]) + 1) / rms.size)
     noise = float(np.sqrt(np.mean(rms[1:] ** 2)))
-    # where geometry explains all that there is, noise leaves nothing either
+    # where geometry explains everything, noise leaves nothing either
     return Place(by, value, float(rms[0]) / noise if noise > 0.0 else 1.0, p)
 
 
@@ -104,18 +104,18 @@ def _by_actuator(stage: Linearisation, cleaned: Array) -> list[Place]:
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """What was recorded in N rows: (kind of group, name) -> values (N,), units of the file.
+    """Recorded values of N rows: (kind of group, name) -> values (N,), units of the file.
 
-    ``at`` (N,): data set and row that each came from.
+    ``at`` (N,): data set and row of origin.
     """
 
     values: Mapping[tuple[str, str], Array]
     at: tuple[tuple[int, int], ...]
 
     def as_in(self, other: Recorded) -> Recorded:
-        """Return the same rows with the values of ``other`` where it has the row too.
+        """Return the same rows with the values of ``other`` if it has the row too.
 
-        Poses are those of a fit; a row must not change its group with the fit.
+        Poses depend on the fit, but a row must not change its group with the fit.
         """
         place = {key: n for n, key in enumerate(other.at)}
         mine = np.array([n for n, key in enumerate(self.at) if key in place], dtype=np.int64)
@@ -139,12 +139,12 @@ class ResidualGroup:
     rows: Bools
 
     def of(self, table: Recorded) -> ResidualGroup:
-        """Return the same group among other rows."""
+        """Return the same group in other rows."""
         return replace(self, rows=_between(table.values[self.by, self.name], self.low, self.high))
 
 
 def recorded(stage: Linearisation) -> Recorded:
-    """Return what groups are made of."""
+    """Return the values that define groups."""
     system = stage.system
     mechanism = system.problem.mechanism
 
@@ -166,7 +166,7 @@ def recorded(stage: Linearisation) -> Recorded:
 
 
 def groups(table: Recorded, problem: Problem) -> list[ResidualGroup]:
-    """Return the groups of everything that was recorded and varies."""
+    """Return the groups for every recorded value that varies."""
     units = {"load": "N", "temperature": "deg C", "time": "s",
              "region": problem.mechanism.units.length}
     out: list[ResidualGroup] = []
@@ -212,7 +212,7 @@ def _bins(by: str, name: str, values: Array, unit: str) -> list[ResidualGroup]:
 
 
 def _distinct(edges: Array) -> list[str]:
-    """Return numbers as texts with four digits, or as many as tell them apart."""
+    """Return numbers as text with four digits, or as many as distinguish them."""
     for digits in range(4, 17):
         out = [f"{e:.{digits}g}" for e in edges]
         if len(set(out)) == len(out):

@@ -1,4 +1,4 @@
-"""Files with a column that is not what it is read as, by the probabilities of causes."""
+"""Files with a misinterpreted column, detected by the probabilities of causes."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from ppmcal.diagnosis.hypotheses import Hypothesis
 
 
 def refuse_misread(last: Round) -> None:
-    """Refuse files with a column that is not what it is read as.
+    """Reject files with a misinterpreted column.
 
-    Beside something that has no name it is only what that looks like: nothing is known until all
-    is explained.
+    Next to an unknown cause it may be only the appearance of that cause: nothing is certain until
+    everything is explained.
 
     Raises:
-        InterpretationError: with the column, its files, and the rows if it is not all of them.
+        InterpretationError: with the column, its files, and the rows unless all are affected.
     """
     if any(p.sure and p.hypothesis is None for p in last.places):
         return
@@ -35,7 +35,7 @@ def refuse_misread(last: Round) -> None:
 
 
 def _misreadings(last: Round, h: Hypothesis) -> list[Interpretation]:
-    """Return how columns of an effect are read wrongly, for each file in which they are."""
+    """Return how the columns of an effect are misread, for each file that has them."""
     system, mechanism = last.asked.system, last.fit.problem.mechanism
     effect = replace(h, misread="", follows="").label
     block, rows = None, tuple[int, ...]()
@@ -49,13 +49,13 @@ def _misreadings(last: Round, h: Hypothesis) -> list[Interpretation]:
             rows = tuple(range(begin, end + 1))
         else:
             block = with_line(data, "signs", dict.fromkeys(names, -1))
-        mistake = FileFault("sign", names, f"{h.follows}: {', '.join(names)} has another sign "
-                            f"than in the other {'rows' if rows else 'files'}: {effect} then "
+        mistake = FileFault("sign", names, f"{h.follows}: {', '.join(names)} has the opposite sign "
+                            f"to the other {'rows' if rows else 'files'}: once reversed, {effect} "
                             "explains all of them alike", rows)
     else:
         moved = last.asked.question.columns.some(h.columns).reshape(len(system.row), -1)
         files = np.unique(system.dataset[moved.any(axis=1)])
-        mistake = FileFault("unit", (h.misread,), f"{h.misread}: {effect} would have a size that "
-                            "no machine has")
+        mistake = FileFault("unit", (h.misread,), f"{h.misread}: {effect} would have an "
+                            "implausible size")
     return [Interpretation(system.problem.datasets[i].source, (mistake,), block, NOISE, np.nan,
                            np.nan, np.nan) for i in files.tolist()]

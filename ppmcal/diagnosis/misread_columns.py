@@ -1,8 +1,8 @@
-"""Columns that are not what they are read as, as hypotheses beside those of the library.
+"""Misinterpreted columns, as hypotheses next to those of the library.
 
-An effect of a column that is in another unit has a size that no machine has: the same effect, of
-any size. Directions that were written with another sign in some rows turn an effect of them there;
-all rows turned are the same machine, and so are a stretch and all rows but these.
+A column in another unit gives its effect an implausible size: the hypothesis is the same effect of
+any size. Directions recorded with the opposite sign in some rows reverse their effect there;
+reversing all rows gives the same machine, so a block of rows is equivalent to its complement.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from ppmcal.linalg import Array, Ints
 
 COLUMNS = {"load": "payload or fx ... mz", "wrench": "payload or fx ... mz",
            "vel": "vel_", "dir": "dir_", "temperature": "temperature", "time": "time"}
-"""What to look at, by what an effect depends on."""
+"""The columns to check, by an effect's input."""
 TINY, SEEN = 1e-200, 1e-9
-"""Round-off: of sizes, and of what is seen past the geometry."""
+"""Round-off: of sizes, and of columns past the geometry."""
 FEWEST = 6
-"""Rows of a stretch, and of what it leaves of a file."""
+"""Fewest rows in a block, and in the rest of its file."""
 LIKELY = 16
-"""Stretches of each effect that are examined further: those that explain most past the geometry."""
+"""Blocks of each effect that are examined further: those that explain most past the geometry."""
 
 
 def misread_columns(to: Collector) -> list[Hypothesis]:
-    """Return what effects would be if a column were another one, for effects that are there.
+    """Return the library's effects as they would be if a column were misread.
 
-    Of which a size says so alone only those that one number has, and no grid.
+    A size alone shows a wrong unit only for effects with one coefficient and no grid.
     """
     return [*_of_other_units(to), *_turned(to)]
 
@@ -51,7 +51,7 @@ def _of_other_units(to: Collector) -> Iterator[Hypothesis]:
 
 
 def _turned(to: Collector) -> Iterator[Hypothesis]:
-    """Yield effects of directions with these turned in a stretch of rows, whole files too."""
+    """Yield effects of directions with these reversed in a block of rows, or in whole files."""
     effects = [h for h in to.hypotheses if h.effect and h.effect.needs == ("dir",)
                and not h.effect.title and not h.constants and not h.sessions]
     if not effects:
@@ -75,17 +75,16 @@ def _turned(to: Collector) -> Iterator[Hypothesis]:
 
 
 def _where(system: System, begin: int, end: int) -> str:
-    """Return rows of a system by their numbers in the file."""
+    """Return a description of rows of a system by their numbers in the file."""
     data = system.problem.datasets[int(system.dataset[begin])]
     first, last = data.rows[system.row[[begin, end - 1]]].tolist()
     return f"rows {first} to {last} of {data.name}"
 
 
 def _stretches(system: System) -> tuple[Ints, Ints]:
-    """Return where stretches of rows of one file begin and end.
+    """Return the begins and ends of all blocks of rows within one file.
 
-    Where all rows are one file, all but a stretch are the same as that, so that only the shorter
-    of both is one.
+    If a block's complement is a block too, they are equivalent, and only the shorter is used.
     """
     out = [np.zeros((2, 0), dtype=np.int64)]
     for i, data in enumerate(system.problem.datasets):
@@ -102,7 +101,7 @@ def _stretches(system: System) -> tuple[Ints, Ints]:
 
 
 class _Past:
-    """The residual past the geometry, and what columns turned in a stretch explain of it."""
+    """The residual past the geometry, and how much of it columns reversed in a block explain."""
 
     def __init__(self, system: System) -> None:
         flat = system.jacobian.reshape(system.residual.size, -1) * system.observed.reshape(-1, 1)
@@ -113,7 +112,7 @@ class _Past:
         self.observed = system.observed
 
     def explained(self, column: Array, begin: Ints, end: Ints) -> Array:
-        """Return by how much squares fall with a column (N, m) turned in each stretch (S,)."""
+        """Return the drop in squares with a column (N, m) reversed in each block (S,)."""
         own = column * self.observed
         rows = len(own)
         value = np.sum(own * self.residual.reshape(rows, -1), axis=1)

@@ -1,8 +1,8 @@
-"""What to measure next: poses and settings that tell rivals apart.
+"""What to measure next: poses and settings that separate rivals.
 
-T-optimal design (Atkinson-Fedorov): rival b is fitted, geometry and all, to what effect a
-predicts; the row where they still differ most is measured next. Both directions count,
-the worse one decides.
+T-optimal design (Atkinson-Fedorov): rival b, with all geometry, is fitted to the predictions of
+effect a; the row where they still differ most is measured next. Both directions count, the worse
+one decides.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ POSES = 150
 WIDER = 0.25
 """Poses are drawn from the measured range, wider by this part on each side."""
 FEWEST_ROWS, MOST_ROWS = 4, 120
-"""Where one row would do, it could be an outlier, and would be taken for one."""
+"""Limits of a proposal: a single row could be an outlier, and would be treated as one."""
 SETTLED = 2.0 * np.log(SURE_ODDS)
-"""Odds at which rivals count as told apart, as twice the log-likelihood ratio."""
+"""Odds at which rivals count as separated, as twice the log-likelihood ratio."""
 
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
     """Measurements worth taking, or what to record instead.
 
-    ``q`` (R, k) joints, ``pose`` (R, 6) platform poses in the base frame, ``columns``:
-    settings in SI by name (R,); ``odds_before`` and ``odds_after`` for the rival of the
-    lower likelihood being found out (of 95 %, with noise); ``reason`` in words.
+    ``q`` (R, k) joints, ``pose`` (R, 6) platform poses in the base frame, ``columns``: settings in
+    SI by name (R,); ``odds_before`` and ``odds_after``: between the rivals, now and after these
+    rows (reached with a probability of 95 %, given noise); ``reason`` in words.
     """
 
     reason: str
@@ -65,32 +65,32 @@ def nothing(reason: str, joints: int) -> Proposal:
 
 MATTER = {"load": ("payload", "tension_", *WRENCH), "temperature": ("temperature",),
           "time": ("time",)}
-"""What might matter, and how the columns begin that record it."""
-ALL_RECORDED = ("measure the same poses again in another order: what is the same again goes with "
-                "the place, what is not with time or the way")
+"""Possible influences, and prefixes of the columns that record them."""
+ALL_RECORDED = ("measure the same poses again in another order: errors that repeat depend on the "
+                "pose, others on time or on the path")
 
 
 def record_more(datasets: Sequence[Dataset]) -> str:
-    """Return what to record that might matter and is not recorded; if all is, what else to do."""
+    """Return the advice to record further possible influences; if all are, what else to do."""
     missing = [what for what, begins in MATTER.items() if any(
         not any(c.startswith(begins) for c in d.columns) for d in datasets)]
-    return (f"record more of what might matter ({', '.join(missing)})" if missing
+    return (f"record further possible influences ({', '.join(missing)})" if missing
             else ALL_RECORDED)
 
 
 def with_poses(proposal: Proposal, campaign: WeakCampaign | None) -> Proposal:
-    """Return a proposal with the poses that a weak campaign lacks, where it has none of its own."""
+    """Return a proposal with the poses that a weak campaign lacks, if it has none itself."""
     if campaign is None or proposal.rows:
         return proposal
     missing = campaign.missing
     what = "touch" if campaign.touches else "pose"
     many = f"{len(missing.q)} {what}{'es' if what == 'touch' else 's'}"
-    return Proposal(f"{many} that tell the geometry, before effects can be told from it",
+    return Proposal(f"{many} to determine the geometry, before effects can be separated from it",
                     missing.q, missing.pose)
 
 
 def propose(stage: Linearisation, a: Hypothesis, b: Hypothesis, odds: float, seed: int) -> Proposal:
-    """Return measurements that tell two hypotheses apart, ``a`` being likelier by ``odds``."""
+    """Return measurements that separate two hypotheses; ``odds`` favour ``a``."""
     mechanism = stage.system.problem.mechanism
     rng = np.random.default_rng(seed)
     data = possible_rows(stage, rng)
@@ -110,7 +110,7 @@ def propose(stage: Linearisation, a: Hypothesis, b: Hypothesis, odds: float, see
     if gain < goal:
         many = (pluralize(len(picked), "further measurement") if picked
                 else "further measurements alone")
-        return Proposal(f"{many} would not tell {label} apart: {_remedy(a, b)}",
+        return Proposal(f"{many} would not separate {label}: {_remedy(a, b)}",
                         np.zeros((0, data.q.shape[1])), np.zeros((0, 6)), {}, odds, after)
     rows = np.array(picked, dtype=np.int64)
     needed = {n: c[rows] for n, c in data.columns.items()}
@@ -119,39 +119,39 @@ def propose(stage: Linearisation, a: Hypothesis, b: Hypothesis, odds: float, see
         needed["time"] = after_last(seen[np.isfinite(seen)], len(rows))
     pose = pose_vector(pose_motor(np.nan_to_num(np.concatenate(
         [data.position, data.rotation], axis=1)[rows])))
-    reason = f"{pluralize(len(picked), 'measurement')} to tell {label} apart"
+    reason = f"{pluralize(len(picked), 'measurement')} that would separate {label}"
     measured = np.concatenate([d.q for d in stage.system.problem.datasets])
-    # nothing has been seen of either out there: told apart is what they should be, not how far
+    # neither has been observed out there: expect them to separate, but not by how much
     if np.any((data.q[rows] < measured.min(axis=0)) | (data.q[rows] > measured.max(axis=0))):
         after = min(after, SURE_ODDS)
-        reason += (", some of them outside the measured range, where the model has not been seen "
-                   "to hold")
+        reason += (", some of them outside the measured range, where the model has not been "
+                   "verified")
     elif "time" in needed and any(f.effect is not None and "time" in f.effect.needs
                                   for f in (a, b)):
         after = min(after, SURE_ODDS)
-        reason += ", after the last row, to which either goes on if it does"
+        reason += ", after the last row, if both effects persist until then"
     return Proposal(reason, data.q[rows], pose, needed, odds, after)
 
 
 def wanted(start: float) -> float:
-    """Return how far apart D new rows must drive two rivals, for them to be settled.
+    """Return the separation D of two rivals that new rows must reach to settle them.
 
-    Twice the log-likelihood ratio of new rows is D with a standard deviation of 2 sqrt(D); it
-    must outweigh what the old rows say, ``start``, in the worse case the wrong way, and then
-    reach :data:`SETTLED`.
+    Twice the log-likelihood ratio of new rows is D with a standard deviation of 2 sqrt(D); it must
+    outweigh that of the old rows, ``start``, which may favour the wrong rival, and then reach
+    :data:`SETTLED`.
     """
     return float((SURE_SIGMAS + np.sqrt(SURE_SIGMAS**2 + SETTLED + start)) ** 2)
 
 
 def _remedy(a: Hypothesis, b: Hypothesis) -> str:
     hints = [f.effect.remedy for f in (a, b) if f.effect is not None and f.effect.remedy]
-    return hints[0] if hints else "record what the two depend on separately"
+    return hints[0] if hints else "record their inputs separately"
 
 
 def possible_rows(stage: Linearisation, rng: np.random.Generator) -> Dataset | None:
     """Return poses within and around the measured range, each under several settings.
 
-    No nearer to a singularity than measured poses, but for as much as they may be farther out.
+    No nearer to a singularity than measured poses, except for the margin by which the range widens.
     """
     problem = stage.system.problem
     first = problem.datasets[_template(stage)]
@@ -181,7 +181,7 @@ def possible_rows(stage: Linearisation, rng: np.random.Generator) -> Dataset | N
                            for s in (first.sigma_position, first.sigma_rotation,
                                      first.sigma_value))
     data = Dataset.of_poses(first.name, q, np.where(flat, np.nan, pose), (place, turn), False)
-    # of a height or a distance only the slopes count here, whatever the value
+    # for a height or a distance only the slopes count here, whatever the value
     value = np.full(len(q), np.nan if not first.kind.scalar else float(
         np.median(first.value[np.isfinite(first.value)])))
     return replace(data, columns=columns, kind=first.kind, frame=first.frame, value=value,
@@ -191,13 +191,13 @@ def possible_rows(stage: Linearisation, rng: np.random.Generator) -> Dataset | N
 
 
 def _template(stage: Linearisation) -> int:
-    """Return which data set new rows are like: not distances between two platform positions."""
+    """Return the data set that new rows resemble: not distances between two platform positions."""
     single = [i for i, d in enumerate(stage.system.problem.datasets) if d.to_q is None]
     return single[0] if single else 0
 
 
 def _settings(stage: Linearisation, n: int, rng: np.random.Generator) -> dict[str, Array]:
-    """Return settings at the ends of what was recorded, four of them for each of n poses."""
+    """Return settings at the ends of the recorded ranges, four for each of n poses."""
     data = stage.system.problem.datasets[_template(stage)]
     out: dict[str, Array] = {}
     signs = np.array([1.0, -1.0, 1.0, -1.0])
@@ -215,7 +215,7 @@ def _settings(stage: Linearisation, n: int, rng: np.random.Generator) -> dict[st
             way = out.get(f"dir_{name.removeprefix('vel_')}", np.repeat(signs, n))
             out[name] = way * np.repeat(np.where(levels > 0, speed.max(), speed.min()), n)
         elif name == "time":
-            # as the first few are: later ones tell more of a drift, and are not more certain
+            # times of the next few rows: later ones show more drift, but are no more certain
             out[name] = np.repeat(after_last(seen, 4), n)
         else:
             ends = (seen.min(), seen.max())
@@ -226,9 +226,9 @@ def _settings(stage: Linearisation, n: int, rng: np.random.Generator) -> dict[st
 
 
 def after_last(time: Array, count: int) -> Array:
-    """Return when further rows (count,) are taken, s: after the last, at the campaign's pace.
+    """Return the times of further rows (count,), s: after the last, at the campaign's pace.
 
-    ``time``: when the measured rows were (N,).
+    ``time``: of the measured rows (N,).
     """
     steps = np.diff(np.sort(time))
     steps = steps[steps > 0.0]
@@ -240,7 +240,7 @@ Blocks = tuple[Array, Array, Array]
 
 
 def _old_blocks(stage: Linearisation, a: Hypothesis, b: Hypothesis) -> Blocks:
-    """Return geometry (N, m, c) and the columns of both hypotheses, of the rows measured."""
+    """Return geometry (N, m, c) and the columns of both hypotheses, in the measured rows."""
     shape = (*stage.system.residual.shape, -1)
     geometry = stage.noise.apply(stage.system.jacobian, stage.system)
     return (geometry.reshape(shape), stage.some(a.columns).reshape(shape),
@@ -248,9 +248,9 @@ def _old_blocks(stage: Linearisation, a: Hypothesis, b: Hypothesis) -> Blocks:
 
 
 def _new_blocks(stage: Linearisation, a: Hypothesis, b: Hypothesis, data: Dataset) -> Blocks | None:
-    """Return the same of possible rows; None where a pose or a hypothesis does not exist there."""
+    """Return the same in possible rows; None if a pose or a hypothesis does not exist there."""
     i = _template(stage)
-    # rows that are only proposed have no past
+    # proposed rows have no history
     rows = replace(environment_of(stage.system.problem.mechanism, data), history=None, place=None)
     problem = replace(stage.system.problem, datasets=(data,),
                       pivots=(stage.system.problem.opens[i].about,), given=(rows,))
@@ -271,7 +271,7 @@ def _new_blocks(stage: Linearisation, a: Hypothesis, b: Hypothesis, data: Datase
         if not match:
             return None
         each.append(found.some(min(match, key=h.apart).columns))
-    # other data sets' frames and targets are open too, and new rows do not feel them
+    # frames and targets of other data sets are free too, but do not affect the new rows
     here, there = ([n for c, n in enumerate(p.columns) if c not in set(stage.added)]
                    for p in (problem, stage.system.problem))
     geometry = np.zeros((*system.residual.shape, len(there)))
@@ -281,7 +281,7 @@ def _new_blocks(stage: Linearisation, a: Hypothesis, b: Hypothesis, data: Datase
 
 def _pick(old: Blocks, new: Blocks, value_a: Array, value_b: Array, goal: float
           ) -> tuple[list[int], float]:
-    """Return chosen rows, and by how much they drive the two apart (worse direction)."""
+    """Return chosen rows, and the separation that they give (worse direction)."""
     ways = [(_reduced(old[0], old[rival], old[truth] @ value),
              np.concatenate([new[0], new[rival]], axis=-1), new[truth] @ value)
             for truth, rival, value in ((1, 2, value_a), (2, 1, value_b))]
@@ -309,14 +309,14 @@ def _next_row(gain: Array, picked: list[int]) -> int | None:
 
 
 def _reduced(geometry: Array, rival: Array, goal: Array) -> Array:
-    """Return old rows as one triangle [geometry, rival, goal]."""
+    """Return old rows [geometry, rival, goal] reduced to one triangle."""
     whole = np.concatenate([geometry, rival, goal[..., None]], axis=-1)
     return linalg.triangle(whole.reshape(-1, whole.shape[-1]))
 
 
 def _apart(ways: list[tuple[Array, Array, Array]], picked: list[int]
            ) -> tuple[list[float], list[Array]]:
-    """Return, both ways, what the rival cannot imitate, in all and row by row."""
+    """Return, both ways, the squares that the rival cannot reproduce, in total and by row."""
     figures, rows = [], []
     for old, columns, goal in ways:
         matrix = np.concatenate([old[:, :-1], columns[picked].reshape(-1, columns.shape[-1])])

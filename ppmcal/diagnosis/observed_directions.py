@@ -1,9 +1,8 @@
-"""Which of the platform's motions an instrument sees.
+"""Which motions of the platform an instrument observes.
 
-Touches of a flat say nothing of where along it the platform is, one mark nothing of turns about it.
-A term that moves the platform that way is not a finding, however well its small part across
-explains
-what is left: commands would carry all of it.
+Touches of a flat do not show the position along it, a single target shows no rotation about it.
+A term that moves the platform that way is not accepted, however well its small observed component
+explains the residuals: commands would contain all of it.
 """
 
 from __future__ import annotations
@@ -20,19 +19,19 @@ from ppmcal.diagnosis.linearisation import WEAK_VISIBILITY
 from ppmcal.linalg import Array
 
 HALF = 0.5
-"""A displacement has more than this part of its square in what is seen. Of an error that lies
-there, a term along a direction at an angle a to it corrects all and adds tan(a) of it across:
-beyond 45 deg the machine is worse off with the correction than without."""
+"""Part of a displacement's square that has to be observed. For an observed error, a term at an
+angle a to it corrects all of it and adds tan(a) of it across: beyond 45 deg the machine is worse
+with the correction than without."""
 
 
 @dataclass(frozen=True, eq=False)
 class ObservedMotion:
-    """What the rows of a system see of the platform's motion.
+    """The motion of the platform that the rows of a system observe.
 
     Attributes:
-        seen: projector on the directions that are seen, lengths and arcs (6, 6).
+        seen: projector on the observed directions, lengths and arcs (6, 6).
         across: the platform's displacement with each joint (n, 6, k), by part of the system.
-        joints: of the platform's displacement with each joint (rms), the part that is seen (k,).
+        joints: observed part of the platform's displacement with each joint, rms (k,).
     """
 
     seen: Array
@@ -40,23 +39,23 @@ class ObservedMotion:
     joints: Array
 
     def joint_seen(self, on: Sequence[bool]) -> bool:
-        """Whether an error of these joints shows: a joint moves the platform as its legs do."""
+        """Whether an error of these joints shows, given how each moves the platform."""
         return bool((self.joints[np.array(on)] > WEAK_VISIBILITY).all())
 
     def place_seen(self, coordinate: int) -> bool:
-        """Whether a displacement of the platform along a coordinate is mostly seen."""
+        """Whether a displacement of the platform along a coordinate is mostly observed."""
         return bool(self.seen[coordinate, coordinate] > HALF)
 
     def grams(self, weights: Sequence[Array], on: Sequence[bool]) -> tuple[Array, Array]:
-        """Return inner products (K, K) of displacements by functions of joints, whole and seen.
+        """Return inner products (K, K) of displacements by functions of joints, whole and observed.
 
-        ``weights``: the functions of the rows (n, K), or by joint (n, k, K), by part.
+        ``weights``: the functions in the rows (n, K), or by joint (n, k, K), by part.
         """
         count = weights[0].shape[-1]
         whole, seen = np.zeros((count, count)), np.zeros((count, count))
         for across, weight in zip(self.across, weights, strict=True):
             moved = np.zeros((*across.shape[:2], count))
-            for a in np.flatnonzero(on):    # those of others may be outside of its range
+            for a in np.flatnonzero(on):    # other joints may be outside its range
                 own = weight if weight.ndim == 2 else weight[:, a]
                 moved += across[..., a, None] * own[:, None]
             whole += _gram(moved)
@@ -70,7 +69,7 @@ def _gram(moved: Array) -> Array:
 
 
 def observed_motion(system: System) -> ObservedMotion:
-    """Return what rows see of the platform's motion; lengths and arcs at the platform's joints."""
+    """Return the platform's motion observed in rows; lengths and arcs at the platform's joints."""
     mechanism = system.problem.mechanism
     metric = np.array([1.0] * 3 + [mechanism.length_scale] * 3)
     seen = _seen(system, metric)
@@ -82,10 +81,10 @@ def observed_motion(system: System) -> ObservedMotion:
 
 
 def _seen(system: System, metric: Array) -> Array:
-    """Return the projector (6, 6) on the directions in which measured values look.
+    """Return the projector (6, 6) on the directions that measured values observe.
 
-    Each value looks along one, however exact it is. A direction that is met at
-    :data:`WEAK_VISIBILITY` of what the best one is, or less, is blind.
+    Each value observes one direction, whatever its noise. A direction observed at most
+    :data:`WEAK_VISIBILITY` times as well as the best one counts as blind.
     """
     total = np.zeros((6, 6))
     dof = np.isin(np.arange(6), system.problem.mechanism.dof)

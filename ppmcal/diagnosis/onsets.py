@@ -1,9 +1,9 @@
-"""In which row an event happened, from all rows of the campaign.
+"""The row in which an event happened, from all rows of the campaign.
 
-The search takes the onset from the rows that it may see. Here every row near that is tried in the
-final fit: with the step's own columns taken out of the model, what a step from row r explains is
-profiled over r; rows that explain less than the best by no more than the 95 % point of chi-squared
-with one degree of freedom are as good.
+The search finds the onset from the training rows. Here every row near it is tried in the final fit:
+with the step's own columns taken out of the model, the gain of a step from row r is profiled over
+r; the interval has the rows within the 95 % point of chi-squared, with one degree of freedom, of
+the best.
 """
 
 from __future__ import annotations
@@ -25,26 +25,26 @@ from ppmcal.model.effects import ScanRange
 from ppmcal.model.mechanism import Effect, Mechanism
 
 LIKELY = float(chdtri(1.0, 0.05))
-"""What a row may explain less than the best one, in units of the noise's variance."""
+"""How much less than the best a row of the interval may explain, in variances of the noise."""
 ROUNDS = 3
 IN_STATE = 3.0
-"""Rows with residuals up to so many times the noise belong to the state before or after,"""
+"""Rows with residuals up to this multiple of the noise belong to the state before or after,"""
 LINEAR = 0.1
 """or up to this part of the step itself."""
 NEAR = 25
-"""So many rows to each side of where the search has found the onset."""
+"""Rows tried on each side of the onset found by the search."""
 
 
 @dataclass(frozen=True)
 class _Event:
-    """One moment: effects of one kind that start in one row, by their places in the machine."""
+    """One event: effects of one kind that start at one row, by their indices in the machine."""
 
     effects: tuple[int, ...]
     row: float
 
 
 def refined(fit: Fit, options: FitOptions) -> tuple[Fit, dict[str, Onset]]:
-    """Return the fit with every event in its likeliest row, and the onsets by parameter's name.
+    """Return the fit with every event at its most probable row, and the onsets by parameter name.
 
     Args:
         fit: of all rows, effects included.
@@ -67,7 +67,7 @@ def refined(fit: Fit, options: FitOptions) -> tuple[Fit, dict[str, Onset]]:
 
 def with_onsets(effects: Sequence[NamedEffect], onsets: dict[str, Onset]
                 ) -> tuple[NamedEffect, ...]:
-    """Return the named effects with the rows of those that are events."""
+    """Return the named effects, events with their onsets."""
     return tuple(replace(e, onset=next((onsets[p] for p in e.parameters if p in onsets), None))
                  for e in effects)
 
@@ -88,7 +88,7 @@ def _onset_name(mechanism: Mechanism, effect: int) -> str:
 
 
 def _moved(fit: Fit, names: Sequence[str], row: int) -> Mechanism:
-    """Return the machine with an event in another row, fitted values kept."""
+    """Return the machine with an event at another row, keeping fitted values."""
     mechanism = fit.problem.mechanism
     parameters = tuple(
         replace(p, value=float(row), nominal=float(row)) if p.name in names
@@ -98,9 +98,9 @@ def _moved(fit: Fit, names: Sequence[str], row: int) -> Mechanism:
 
 
 def _profiled(fit: Fit, event: _Event) -> Onset:
-    """Return the likeliest row of an event and those that are nearly as likely."""
+    """Return the most probable row of an event and its interval."""
     mechanism = fit.problem.mechanism
-    # rows beside a wrong onset were taken for outliers
+    # rows next to a wrong onset may have been rejected as outliers
     there = [k | (o & finite_rows(p)) for k, o, p in zip(
         fit.keep, fit.outliers, fit.state.poses, strict=True)]
     keep: list[Bools] = subsample(there, MOST_ROWS)
@@ -110,7 +110,7 @@ def _profiled(fit: Fit, event: _Event) -> Onset:
     own = {p for e in (*effects, *others) for p in e.parameters.values()}
     rest = [c for c, p in enumerate((*fit.problem.free, *[-1] * (
         system.jacobian.shape[2] - len(fit.problem.free)))) if p not in own]
-    # events of one joint take each other's place: as steps that add up they are linear
+    # events of one joint replace each other: as cumulative steps they are linear
     flat = system.jacobian[..., rest].reshape(system.residual.size, -1)
     beside = np.zeros((len(flat), 0)) if not others else np.concatenate(
         [_steps(system, [e], _row(fit.state.g, e)) for e in others], axis=1)
@@ -130,21 +130,21 @@ def _profiled(fit: Fit, event: _Event) -> Onset:
         system.count - basis.shape[1] - sizes.size - 1, 1))
     near = tried[gains >= gains.max() - LIKELY * noise]
     best = int(tried[int(np.argmax(gains))])
-    # what began with a session did so where it is as likely as it is anywhere
+    # an event that began with a session stays there if that is as probable as any other row
     begins = session_starts(fit.problem).values()
     least = LIKELY * noise if event.row in begins else 1e-9
     if event.row in tried and gains[tried == event.row][0] >= gains.max() - least:
         best = int(event.row)
-    # of rows between two that are used, none is likelier than another
+    # rows between two used ones are all equally probable
     rows = np.concatenate([p.response.rows.row for p in system.parts])
     low = rows[rows < near.min()].max(initial=0.0) + 1.0
     return Onset(best, int(low), int(near.max()))
 
 
 def _basis(geometry: Array, steps: Array) -> Array:
-    """Return a basis (n, r) of the geometry's white columns (n, C) and other events' (n, c).
+    """Return a basis (n, r) of whitened columns of geometry (n, C) and of other events (n, c).
 
-    What no tolerance makes visible may not imitate a step, see :data:`INVISIBLE`.
+    Directions that are invisible within the tolerances must not mimic a step: :data:`INVISIBLE`.
     """
     basis = range_basis(geometry, INVISIBLE)
     if not steps.shape[1]:
@@ -154,9 +154,9 @@ def _basis(geometry: Array, steps: Array) -> Array:
 
 
 def _in_a_state(system: System, here: Array, after: Array, used: Bools) -> Array:
-    """Return 1 for values (N m,) of rows in use, or in the state before or after the event, else 0.
+    """Return 1 for values (N m,) in use, or in the state before or after the event, otherwise 0.
 
-    ``here``: what the step adds now (N m,); ``after``: in every row, had it been there all along.
+    ``here``: the step's contribution now (N m,); ``after``: as if it had been present throughout.
     """
     before = system.residual + here.reshape(system.residual.shape)
     after = after.reshape(before.shape)
@@ -171,7 +171,7 @@ def _row(g: Array, effect: Effect) -> float:
 
 
 def _others(mechanism: Mechanism, event: _Event) -> list[Effect]:
-    """Return the other events of that kind on the same joints."""
+    """Return other events of the same kind on the same joints."""
     mine = [mechanism.effects[i] for i in event.effects]
     on = np.any([e.on for e in mine], axis=0)
     return [e for i, e in enumerate(mechanism.effects) if e.kind is mine[0].kind
@@ -179,7 +179,7 @@ def _others(mechanism: Mechanism, event: _Event) -> list[Effect]:
 
 
 def _own_step(g: Array, effect: Effect, others: Sequence[Effect]) -> Array:
-    """Return by how much an event changes what the one before it has left (c,)."""
+    """Return the change of an event relative to the previous one on its joints (c,)."""
     before = [e for e in others if _row(g, e) < _row(g, effect)
               and (np.array(e.on) & np.array(effect.on)).any()]
     last = max(before, key=lambda e: _row(g, e), default=None)
@@ -189,7 +189,7 @@ def _own_step(g: Array, effect: Effect, others: Sequence[Effect]) -> Array:
 
 def _tried(system: System, mechanism: Mechanism, effect: Effect, row: float,
            others: Sequence[float]) -> Array:
-    """Return the rows that are tried: those near, and not beyond another event."""
+    """Return the rows to try: those nearby, and not beyond another event."""
     rows = np.unique(np.concatenate([p.response.rows.row for p in system.parts]))
     spec = next(s for s in effect.kind.parameters(mechanism.motion) if s.name == effect.kind.onset)
     assert spec.scan is not None
@@ -202,7 +202,7 @@ def _tried(system: System, mechanism: Mechanism, effect: Effect, row: float,
 
 
 def _steps(system: System, effects: Sequence[Effect], row: float) -> Array:
-    """Return the white columns (N m, c) of the events' sizes, had they begun in a row."""
+    """Return the whitened columns (N m, c) of the events' sizes, with onset at a row."""
     out = []
     for effect in effects:
         values = dict.fromkeys(effect.parameters, 0.0) | {effect.kind.onset: row}
@@ -218,10 +218,10 @@ def _free_of(basis: Array, columns: Array) -> Array:
 
 
 def _gain(columns: Array, target: Array) -> float:
-    """Return by how much columns (n, c) lower the sum of squares of the target (n,).
+    """Return the reduction of the target's (n,) sum of squares by columns (n, c).
 
-    Each in units of what its size usually is, which counts as in the fit: rows linearised beyond a
-    step differ by a trace from those before it, of which a huge size would make any step.
+    Columns are in units of their usual size, which acts as a prior as in the fit: rows linearised
+    beyond a step differ slightly from those before it, and a huge size would make that any step.
     """
     size = linalg.lstsq(np.concatenate([columns, np.eye(columns.shape[1])]),
                         np.concatenate([target, np.zeros(columns.shape[1])]))[0]
@@ -229,9 +229,9 @@ def _gain(columns: Array, target: Array) -> float:
 
 
 def _usual(mechanism: Mechanism, g: Array, effect: Effect) -> Array:
-    """Return how large each coordinate of an event's step usually is (c,), SI.
+    """Return the usual size of each coordinate of an event's step (c,), SI.
 
-    Without a tolerance as large as it is, and at least a change that counts.
+    Without a tolerance its fitted size, and at least a significant change.
     """
     return np.array([
         mechanism.parameters[p].prior_sigma or max(abs(float(g[p])),

@@ -1,4 +1,4 @@
-"""What a diagnosis is asked for."""
+"""Options of a diagnosis."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from ppmcal.calibration.fit import FitOptions
 class DiagnosisOptions:
     """How to diagnose.
 
-    ``holdout``: part of the poses kept back; ``kinds``: to try, or all; ``by_session``: the gap is
-    that of sessions left out in turn; ``held``: names of parameters that a choice of freedoms
-    holds, which the intervals count.
+    ``holdout``: fraction of the poses held out; ``kinds``: to try, None for all; ``by_session``:
+    compute the gap by leaving sessions out in turn; ``held``: names of parameters held by a choice
+    of freedoms, which the intervals account for.
     """
 
     holdout: float = 0.27

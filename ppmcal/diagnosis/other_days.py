@@ -1,10 +1,10 @@
-"""What is named, on another day: each session predicted by a fit of the others.
+"""Named effects on another day: each session predicted by a fit of the others.
 
-The session had its say in what is named, but none in the sizes that predict it.
+The session took part in choosing the effects, but not in fitting the sizes that predict it.
 
-The machine with all that was found is fitted to the other sessions, and again without each effect
-and without any; frozen, each predicts the session left out, with the rows that the fit to all of
-them had left out as outliers. Only the registration is fitted there.
+The machine with all effects is fitted to the other sessions, and again without each effect and
+without any; these frozen models predict the session left out, including rows that the fit of all
+sessions rejected as outliers. Only the registration is fitted there.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from ppmcal.wording.progress import start_stage
 def other_days(final: Fit, options: FitOptions, seed: int) -> tuple[Validated, ...]:
     """Return how well each session is predicted from the others, with and without each effect.
 
-    Of one session nothing. Sessions of too few rows, and those without which the machine cannot be
-    fitted, are passed over.
+    Empty for a single session. Sessions with too few rows, and those without which the machine
+    cannot be fitted, are skipped.
 
     Args:
-        final: the fit of all rows with what was found.
+        final: the fit of all rows with the effects found.
         options: of the fits.
         seed: of the bootstrap.
     """
@@ -47,7 +47,7 @@ def other_days(final: Fit, options: FitOptions, seed: int) -> tuple[Validated, .
     out: list[Validated] = []
     for rest, own in other_sessions(problem.datasets, final.keep,
                                     rows_with_outliers(final)):
-        # heights and distances of one campaign are not days: neither tells of the other alone
+        # heights and distances of one campaign are not days: neither predicts the other
         days = [d.alone() for d in own if len(d) >= FEWEST and any(
             d.kind == r.kind for r in rest)]
         if not days:
@@ -57,7 +57,7 @@ def other_days(final: Fit, options: FitOptions, seed: int) -> tuple[Validated, .
                       for m in with_and_without(machine)]
             out += validated([*models, FrozenModel("nominal", machine.nominal())], days, None, seed)
         except PpmcalError:
-            continue    # too few rows, or none that fits: nothing to say of that day
+            continue    # too few rows, or no fit: nothing to report for that day
     return tuple(out)
 
 
@@ -68,25 +68,25 @@ def _fitted(machine: Mechanism, rest: Sequence[Dataset], options: FitOptions) ->
 
 
 def confirmed(days: Sequence[Validated]) -> bool | None:
-    """Return whether the effects surely predict a day, and none surely less than no effects do.
+    """Return whether the effects clearly improve one day's prediction and clearly worsen none.
 
-    None where there are no effects or no days.
+    None if there are no effects or no days.
     """
     sure = [e.sure for day in days for e in day.errors if e.label == without_any(day)]
     return None if not sure else min(sure) < 0 and max(sure) <= 0
 
 
 def without_any(day: Validated) -> str:
-    """Return what the machine without effects is called, an empty string where it has none."""
+    """Return the label of the machine without effects, an empty string if there is none."""
     return next((e.label for e in reversed(day.errors) if e.label.startswith("without")), "")
 
 
 def worse_days(days: Sequence[Validated]) -> list[Note]:
-    """Return what the user must look at: effects without which a day is surely predicted better."""
+    """Return findings on effects without which a day is clearly predicted better."""
     out = []
     for day in days:
         whole = day.errors[0].size["rms"]
         out += [Note(f"{day.name} is predicted better {e.label}, by {100.0 * e.closer / whole:.0f} "
-                     "%: what the other sessions show of it is not the machine's", topic="sessions")
+                     "%: its size in the other sessions is not the machine's", topic="sessions")
                 for e in day.errors if e.sure > 0 and e.label.startswith("without")]
     return out

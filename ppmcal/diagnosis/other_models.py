@@ -1,7 +1,7 @@
-"""The machine under each other set of causes, fitted.
+"""The machine fitted under each alternative set of causes.
 
 Two effects that look alike in the measurements can send a machine to different places: a scale
-error of the instrument is none of the machine, a gain of its drives is.
+error belongs to the instrument, a gain of the drives to the machine.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ MOST_READINGS = 8
 
 def readings(what: Told, terms: LearnedTerms | None, options: DiagnosisOptions,
               notes: list[Note]) -> tuple[CandidateModel, ...]:
-    """Return the machine under each other set of causes at odds that count, and without any.
+    """Return the machine under each other set of causes with significant odds, and without any.
 
-    ``notes``: to which those are added that have no machine; commands do not count with them.
+    ``notes``: sets without a usable fit are added; commands do not consider them.
     """
     whole, out = with_learned(what.whole, terms, options.fit), []
     with bounded(MOST_STEPS):
@@ -55,7 +55,7 @@ def readings(what: Told, terms: LearnedTerms | None, options: DiagnosisOptions,
                 continue
             if (sized and not fit.converged) or outside(fit.problem, fit.state):
                 notes.append(left_out_note(f"the machine with {label} (" + (
-                    "sizes that no machine has)" if fit.converged else "its fit has no end)")))
+                    "sizes are implausible)" if fit.converged else "its fit did not converge)")))
                 continue
             named = place.hypothesis.label if place.hypothesis is not None else ""
             kept = [h.label for h in what.hypotheses(member)]
@@ -66,9 +66,9 @@ def readings(what: Told, terms: LearnedTerms | None, options: DiagnosisOptions,
 
 
 def others(what: Told) -> list[tuple[CausePlace, Member, float]]:
-    """Return what may be in the place of what is named, likeliest first, and the odds against.
+    """Return alternatives to the named causes, most probable first, and the odds against them.
 
-    A set that has one cause in the place of several is reported once.
+    A set with one cause in place of several is reported once.
     """
     out = [(place, m, place.members[0].probability / m.probability)
            for place, _ in what.effects for m in place.members[1:]]

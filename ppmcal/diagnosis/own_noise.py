@@ -1,8 +1,8 @@
-"""Diagnoses of files whose noise is to be estimated: again, where what was named leaves less.
+"""Diagnosis with estimated noise: repeated if the named effects reduce the noise.
 
-Noise estimated before anything is named holds what is missing, and hides what is small. Where
-limbs are held against each other it holds above all what they pull at each place: of joint values
-alone that were read several times at each place the noise is what these repeats say.
+Noise estimated before effects are named includes unmodelled errors, and hides small effects. On a
+redundant machine it mostly includes the limbs' mutual pull at each stop: if joint values alone were
+read several times at each stop, these repeats give the noise.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from ppmcal.notes import NOTE, Note
 from ppmcal.wording.progress import start_stage
 
 LESS = 0.95
-"""The noise is less where it falls below this part of what it was."""
+"""The noise counts as reduced below this part of its previous value."""
 
 
 def diagnose_with_own_noise(problem: Problem, options: DiagnosisOptions
                             ) -> tuple[Diagnosis, list[Note]]:
-    """Return the diagnosis with the noise that its own model leaves, and what that noise is.
+    """Return the diagnosis with the noise that its own model leaves, and notes on that noise.
 
     Args:
         problem: machine, data and free geometry; noise as the files state it.
@@ -43,7 +43,7 @@ def diagnose_with_own_noise(problem: Problem, options: DiagnosisOptions
     Raises:
         BadInput, NoResult: as :func:`ppmcal.diagnosis.diagnose.diagnose`.
     """
-    # what is named is fitted to the same rows, and needs the same of them
+    # named effects are fitted to the same rows, with the same requirements
     problem = with_whole_rows(problem)
     own, told = with_own_noise(problem, options.fit)
     own, told = with_repeats_noise(own, told, options)
@@ -51,18 +51,18 @@ def diagnose_with_own_noise(problem: Problem, options: DiagnosisOptions
     if not found.effects or not any(d.estimated for d in own.datasets):
         return found, told
     notes = list[Note]()
-    found, told = secondary("the noise that what was named leaves", lambda: _once_more(
+    found, told = secondary("the noise with the named effects", lambda: _once_more(
         problem, own, found, told, options), (found, told), notes)
     return found, [*told, *notes]
 
 
 def with_repeats_noise(problem: Problem, told: list[Note], options: DiagnosisOptions
                        ) -> tuple[Problem, list[Note]]:
-    """Return the problem with the noise that repeats of joint values alone have, and what it is.
+    """Return the problem with the noise of repeated joint values alone, and notes on it.
 
     Args:
-        problem: with the noise that residuals show, which holds what limbs pull at each place.
-        told: what that noise is.
+        problem: with the noise from residuals, which includes the limbs' pull at each stop.
+        told: notes on that noise.
         options: of the diagnosis.
     """
     alone = [d.estimated and d.kind.blind for d in problem.datasets]
@@ -78,15 +78,15 @@ def with_repeats_noise(problem: Problem, told: list[Note], options: DiagnosisOpt
         of = noise_quantity(own)
         said.append(Note(
             f"{own.name}: noise {typical_noise(own) / own.units.factor(of):.3g} "
-            f"{own.units.name(of)}, as readings repeat at one place.", NOTE, "noise"))
+            f"{own.units.name(of)}, from repeated readings at one place.", NOTE, "noise"))
     return replace(problem, datasets=tuple(datasets)), said
 
 
 def _once_more(problem: Problem, own: Problem, found: Diagnosis, told: list[Note],
                options: DiagnosisOptions) -> tuple[Diagnosis, list[Note]]:
-    """Return the diagnosis by the noise that the named leaves where that is less; else ``found``.
+    """Return the diagnosis with the noise left by the named effects if smaller, else ``found``.
 
-    Probabilities hold that such noise is hardly known: once more is as good as often.
+    The prior takes such noise as poorly known, so one repetition is enough.
     """
     fit = found.identification.fit
     machine = fit.problem.mechanism.with_values(fit.state.g)
@@ -95,18 +95,18 @@ def _once_more(problem: Problem, own: Problem, found: Diagnosis, told: list[Note
         replace(without(problem, gone), mechanism=machine, free=machine.free), options.fit)
     if not _quieter(less, own):
         return found, told
-    start_stage("again with the noise that what was named leaves")
+    start_stage("again with the noise left by the named effects")
     again = diagnose_with_registration(replace(own, datasets=less.datasets), options)
-    # what less noise takes back is not a reason to believe what it brings
+    # if less noise takes effects back, those that it adds are not credible
     return (again, sentences) if _names(found) <= _names(again) else (found, told)
 
 
 def _names(found: Diagnosis) -> set[tuple[str, tuple[str, ...]]]:
-    """Return what was named, and where."""
+    """Return the named effects by kind and actuators."""
     return {(e.kind, e.on) for e in found.effects}
 
 
 def _quieter(new: Problem, old: Problem) -> bool:
-    """Return whether the noise of a data set that wants it estimated has become less."""
+    """Return whether the noise of a data set with estimated noise has decreased."""
     return any(typical_noise(a) < LESS * typical_noise(b)
                for a, b in zip(new.datasets, old.datasets, strict=True) if a.estimated)

@@ -1,6 +1,6 @@
-"""The diagnosis as data for pictures: what is where, what follows what, what is how likely.
+"""The diagnosis as data for plots: errors by actuator, against inputs, and by model.
 
-Nothing is decided here; every number is taken from a finished :class:`Diagnosis`. SI.
+No inference here; every number comes from a finished :class:`Diagnosis`. SI.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from ppmcal.units import Quantity
 
 ITERATIONS = 60
 SixDigits = Annotated[float, Quantity(digits=6)]
-"""A bare number of a picture."""
+"""A bare number of a plot."""
 MANY_OUT = 0.05
-"""More rows left out than this part are likely what is missing itself, and are plotted."""
+"""If a larger fraction of rows is left out, they probably show the missing effect: plot them."""
 
 
 @dataclass(frozen=True)
 class ActuatorError:
-    """Rms of one joint's error without and with the effects, and what noise gives, in ``unit``."""
+    """Rms of one joint's error without and with the effects, and of noise alone, in ``unit``."""
 
     name: str
     unit: str
@@ -43,7 +43,7 @@ class ActuatorError:
 class SelectionStep:
     """One model, from the machine as given to the last effect: rms over the noise.
 
-    ``what``: start, geometry, or the effect that was added (``kind``, ``on``).
+    ``what``: start, geometry, or the added effect (``kind``, ``on``).
     """
 
     what: str
@@ -54,10 +54,10 @@ class SelectionStep:
 
 @dataclass(frozen=True)
 class PlotData:
-    """All pictures' data, every number with its unit beside it.
+    """The data of all plots, each number with its unit.
 
-    ``left_out_rows``: rows that the fit left out as outliers and that are in ``actuators`` and
-    ``series`` all the same.
+    ``left_out_rows``: rows that the fit left out as outliers but that ``actuators`` and ``series``
+    include.
     """
 
     actuators: tuple[ActuatorError, ...] = ()
@@ -67,7 +67,7 @@ class PlotData:
 
 
 def plot_data(result: Diagnosis) -> PlotData:
-    """Return the data of a diagnosis's pictures."""
+    """Return the data for a diagnosis's plots."""
     fit = _explained(result)
     rows, left_out = _rows(result)
     before, after, inputs, row = gather(result.before, fit, rows)
@@ -78,7 +78,7 @@ def plot_data(result: Diagnosis) -> PlotData:
 def _rows(result: Diagnosis) -> tuple[list[Bools], int]:
     """Return the rows to draw, and how many of them the fit has left out.
 
-    A robust fit takes what nothing explains for outliers; without them nothing is to be seen.
+    A robust fit rejects unexplained rows as outliers; without them a plot would show nothing.
     """
     fit = _explained(result)
     everything = [finite_rows(p) for p in fit.state.poses]
@@ -89,7 +89,7 @@ def _rows(result: Diagnosis) -> tuple[list[Bools], int]:
 
 
 def _explained(result: Diagnosis) -> Fit:
-    """Return the fit with what is named; what was learned has pictures of its own."""
+    """Return the fit with the named effects; learned terms have their own plots."""
     return result.learned.without if result.learned else result.identification.fit
 
 
@@ -110,7 +110,7 @@ def _actuators(
 
 
 def _steps(result: Diagnosis) -> tuple[SelectionStep, ...]:
-    """Return residuals from the machine as it was given to the last effect."""
+    """Return residuals step by step, from the machine as given to the last effect."""
     stage = result.found.last
     out = []
     given = _as_given(result.found.first, result.start.reference)
@@ -128,7 +128,7 @@ def _steps(result: Diagnosis) -> tuple[SelectionStep, ...]:
 
 
 def _by_gain(stage: Linearisation) -> list[int]:
-    """Return the named hypotheses, each time the one that then explains most."""
+    """Return the named hypotheses in greedy order, each the one that then explains most."""
     left, order = list(stage.chosen), list[int]()
     while left:
         best = min(left, key=lambda i: float(np.sum(stage.left([*order, i]) ** 2)))
@@ -144,9 +144,9 @@ def _ratio(stage: Linearisation, hypotheses: Sequence[int], reference: float) ->
 
 
 def _as_given(stage: Linearisation, reference: float) -> float | None:
-    """Return rms over the noise of the machine as its file has it, only frames fitted.
+    """Return rms over the noise of the machine as in its file, fitting only frames.
 
-    None where it cannot be had: no pose at the rows' joint values.
+    None if it cannot be computed: no pose at the rows' joint values.
     """
     system = stage.system
     problem: Problem = replace(system.problem, free=())

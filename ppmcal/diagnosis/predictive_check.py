@@ -1,4 +1,4 @@
-"""One check that chooses nothing: rows left out, by geometry alone and by all that may be there."""
+"""A check that selects nothing: predictions of left-out rows by geometry and by model averaging."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from ppmcal.linalg import Array, Ints
 
 
 def predictions(asked: Round) -> tuple[LeftOutBlocks, ...]:
-    """Return how rows left out are predicted, with the noise as it is likeliest.
+    """Return how well left-out rows are predicted, at the most probable noise.
 
-    Rows that do not belong are neither model's: both have them as the likeliest set has.
+    Outliers count for neither model: both treat the outliers of the most probable set as such.
 
     Raises:
-        LinearAlgebraError: if rows are known exactly from the others.
+        LinearAlgebraError: if rows are determined exactly by the others.
     """
     answer, question = asked.answer, asked.asked.question
     noise, rows = answer.best.likeliest[0], list(asked.wrong)
@@ -42,7 +42,7 @@ def predictions(asked: Round) -> tuple[LeftOutBlocks, ...]:
 
 
 def session_gap(found: Sequence[LeftOutBlocks]) -> Gap | None:
-    """Return the gap on sessions that are left out in turn, None where there are none."""
+    """Return the gap on sessions left out in turn, None without sessions."""
     by = next((b for b in found if b.by == SESSION), None)
     if by is None:
         return None
@@ -61,7 +61,7 @@ def _models(asked: Round, sets: Sequence[Sequence[int]], noise: int
 
 
 def _labels(asked: Round) -> Iterator[tuple[str, Ints]]:
-    """Yield what rows are left out by, and the block (N,) of each row, -1 if it is in none."""
+    """Yield each scheme of leaving rows out, and the block (N,) of each row, -1 for none."""
     system = asked.asked.system
     yield "pose", system.group
     for by, folds in schemes(asked.fit.problem):
@@ -87,5 +87,5 @@ def _told(found: LeftOutGroups) -> Predictions:
 
 
 def _sigma(each: Array) -> float:
-    """Return the standard error of the sum of what each block has (G,)."""
+    """Return the standard error of the sum of the blocks' values (G,)."""
     return float(np.sqrt(each.size) * np.std(each, ddof=1))

@@ -1,4 +1,4 @@
-"""A linearised fit as a question: which blocks of columns are in its residuals beside geometry."""
+"""A linearised fit as an inference: which blocks of columns, next to geometry, are present."""
 
 from __future__ import annotations
 
@@ -43,26 +43,26 @@ from ppmcal.model.effects.product import PRODUCT
 
 @dataclass(frozen=True)
 class WrongRows:
-    """Rows of a system that do not belong: one, or all of a file, of another machine perhaps."""
+    """Outlying rows of a system: one row, or all of a file that may be of another machine."""
 
     rows: tuple[int, ...]
     label: str
 
 
 Source = Hypothesis | UnknownCause | WrongRows
-"""What a block stands for."""
+"""What a block represents."""
 
 
 @dataclass(frozen=True, eq=False)
 class LibrarySource:
-    """A library's columns (T) over flat values (N m,), zero where nothing was observed."""
+    """A library's columns (T) over flat values (N m,), zero where not observed."""
 
     products: Products
     observed: Bools
 
     @property
     def count(self) -> int:
-        """How many columns there are."""
+        """Number of columns."""
         return self.products.shape[0]
 
     def along(self, values: Array) -> Array:
@@ -71,14 +71,14 @@ class LibrarySource:
                                    * self.observed[..., None])
 
     def some(self, which: Sequence[int]) -> Array:
-        """Return the columns (n, k) of these numbers."""
+        """Return the columns (n, k) with these indices."""
         values = self.products.some(which) * self.observed[..., None]
         return np.asarray(values.reshape(self.observed.size, -1))
 
 
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """A question, and what each of its blocks stands for."""
+    """A question, and what each of its blocks represents."""
 
     question: Question
     system: System
@@ -87,9 +87,9 @@ class Asked:
 
 def question(system: System, library: Library, unknown: UnknownCauses,
              added: Sequence[int] = ()) -> Asked:
-    """Return what may be in the residuals of a fit beside its geometry.
+    """Return the question of what the residuals of a fit contain besides geometry.
 
-    ``added``: as of :func:`at_nominal`.
+    ``added``: see :func:`at_nominal`.
     """
     observed = system.observed
     first = library.count + unknown.columns.count
@@ -106,12 +106,12 @@ def question(system: System, library: Library, unknown: UnknownCauses,
 
 
 def at_nominal(system: System, added: Sequence[int] = ()) -> tuple[Array, Array]:
-    """Return residuals (N m,) taken back to the nominal machine, and its geometry (N m, c).
+    """Return residuals (N m,) linearised back to the nominal machine, and its geometry (N m, c).
 
-    So tolerances are the prior of geometry, whose root it is times, whatever the fit has made of
-    it: those of held parameters too, which all others are off by together where these define the
-    frames. ``added``: columns of the problem that belong to effects under test, which the system's
-    Jacobian has no more.
+    The geometry is scaled by its prior root, so that tolerances are its prior whatever the fit
+    found; held parameters that define the frames are included, since their errors shift all others
+    together. ``added``: columns of the problem that belong to effects under test, which the
+    system's Jacobian no longer contains.
     """
     problem, observed = system.problem, system.observed
     scale = system.jacobian_scale
@@ -125,7 +125,7 @@ def at_nominal(system: System, added: Sequence[int] = ()) -> tuple[Array, Array]
 
 
 def _of_frames(problem: Problem, flat: Array, scale: Array, rest: Sequence[int]) -> Array:
-    """Return what errors of the parameters that define the frames do (N m, G), one sigma each.
+    """Return the effects of errors in parameters that define the frames (N m, G), one sigma each.
 
     ``flat``: columns ``rest`` of the Jacobian, in units of ``scale``, those of parameters first.
     """
@@ -138,29 +138,29 @@ def _of_frames(problem: Problem, flat: Array, scale: Array, rest: Sequence[int])
 
 
 def noise_freedom(system: System) -> float:
-    """Return the values that the noise of a system's files is as good as known from."""
+    """Return the effective degrees of freedom with which the noise of the files is known."""
     own = all(d.estimated for d in system.problem.datasets)
     return float(OWN_NOISE_FREEDOM if own else NOISE_FREEDOM)
 
 
 BEGINS = "with each session"
-"""What all joints do anew, beside which they had it in the first session too."""
+"""A change of all joints with each session, required by that in the first session."""
 BY_JOINT = ("dir", "vel")
-"""Inputs that each joint has of its own."""
+"""Inputs that are separate for each joint."""
 ROW_FAMILY = "row"
-"""The family of rows that do not belong, a wrong point, a typo, a broken beam."""
+"""The family of outlying rows: a wrong point, a typo, a broken beam."""
 
 
 FILE_FAMILY = "file"
-"""The family of files none of whose rows belongs: they are another machine's, or nothing's."""
+"""The family of files that are outliers as a whole: of another machine, or meaningless."""
 NO_CAUSES = (ROW_FAMILY, FILE_FAMILY)
-"""Families that are not a cause in the machine."""
+"""Families that are not causes in the machine."""
 
 
 def rows(system: System, first: int) -> Iterator[tuple[Block, WrongRows]]:
-    """Yield a block for each row that does not belong; ``first``: number of its first column.
+    """Yield an outlier block for each row; ``first``: number of its first column.
 
-    Of joint values alone that are read several times at a place the first is more often off.
+    If joint values alone are read several times at a stop, the first reading is off more often.
     """
     observed, settling = system.observed, first_readings(system)
     width = observed.shape[1]
@@ -174,7 +174,7 @@ def rows(system: System, first: int) -> Iterator[tuple[Block, WrongRows]]:
 
 
 def first_readings(system: System) -> Bools:
-    """Return which rows are the first of several joint values alone at one place (N,)."""
+    """Return which rows are the first of several readings of joint values alone at a stop (N,)."""
     _, begin, place, count = np.unique(system.group, return_index=True, return_inverse=True,
                                        return_counts=True)
     place = place.reshape(-1)
@@ -183,11 +183,11 @@ def first_readings(system: System) -> Bools:
 
 def places(system: System, zeros: Mapping[str, Array], first: int
            ) -> tuple[list[tuple[Block, Source]], Array]:
-    """Return a block for all rows of a place where limbs can pull against each other.
+    """Return an outlier block for all rows of a stop, on redundant machines or for joint readings.
 
-    Or where readings are all that was measured. A limb that was slack or caught there was so in all
-    of them, by the same: one column for each joint. ``zeros``: what each joint's does (N, m).
-    ``first``: number of the first column.
+    A limb that was slack or caught at a stop was so in all its rows, by the same amount: one column
+    for each joint. ``zeros``: column of each joint's zero (N, m). ``first``: number of the first
+    column.
 
     Returns:
         The blocks, and their columns (N m, c).
@@ -210,9 +210,9 @@ def places(system: System, zeros: Mapping[str, Array], first: int
 
 
 def files(system: System, first: int) -> Iterator[tuple[Block, WrongRows]]:
-    """Yield a block for each of several files that may not belong; ``first``: as of :func:`rows`.
+    """Yield an outlier block for each of several files; ``first``: see :func:`rows`.
 
-    It may be all that a long file is of another machine: that shows before anything is asked.
+    Long files are omitted: if one is of another machine, earlier checks show it.
     """
     width = system.observed.shape[1]
     for d, data in enumerate(system.problem.datasets if len(system.problem.datasets) > 1 else ()):
@@ -226,7 +226,7 @@ def files(system: System, first: int) -> Iterator[tuple[Block, WrongRows]]:
 
 def blocks(library: Library, least: float = 0.0
            ) -> Iterator[tuple[Block, Hypothesis | UnknownCause]]:
-    """Yield the library's hypotheses, each with its prior; ``least``: as of a block."""
+    """Yield the library's hypotheses as blocks with their priors; ``least``: see :class:`Block`."""
     families: dict[str, dict[Form, list[Hypothesis]]] = defaultdict(lambda: defaultdict(list))
     yield from ((_block(h, h.family, log_prior, least), h) for h, log_prior in priors(
         [h for h in library.hypotheses if h.begins], _shares))
@@ -260,13 +260,13 @@ def blocks(library: Library, least: float = 0.0
 
 
 def _one_sign(h: Hypothesis) -> bool:
-    """Whether physics gives the sign of all that an effect has."""
+    """Whether physics fixes the sign of all coefficients of an effect."""
     low, high = _range(h)
     return min(low) >= 0.0 or max(high) <= 0.0
 
 
 def _opposite(block: Block) -> tuple[Block, UnknownCause]:
-    """Return what acts as an effect does, but of the sign that physics forbids: no known cause."""
+    """Return an effect with the sign that physics forbids, which is an unknown cause."""
     name = f"{block.name} of the opposite sign"
     low, high = (tuple(-end for end in ends.tolist()) for ends in reversed(block.ends))
     own = len(block.columns) - len(block.starts)
@@ -277,7 +277,7 @@ def _opposite(block: Block) -> tuple[Block, UnknownCause]:
 
 
 def _prior(h: Hypothesis) -> float:
-    """Return the prior that one of the families of a sort acts."""
+    """Return the prior that one of the families of a sort is present."""
     if h.anonymous:
         return float(UNKNOWN) * SHAPES.value
     seldom = h.effect is not None and h.effect.seldom
@@ -286,7 +286,7 @@ def _prior(h: Hypothesis) -> float:
 
 
 def _sort(h: Hypothesis) -> object:
-    """Return the families that it is in: slots of a sort, parts of a kind, forms of another."""
+    """Return the sort of families that share a prior: similar slots, parts of a kind, products."""
     if h.effect is None:
         return (h.sort, h.anonymous)
     if h.part:
@@ -307,23 +307,23 @@ def _block(h: Hypothesis, family: str, log_prior: float, least: float) -> Block:
                  starts=tuple(of for _, of in h.starts), least=least,
                  where="" if h.anonymous or h.misread else " ".join(h.on),
                  subject=" ".join(h.on) if h.anonymous else "",
-                 # what leans is in proportion to one size, not to several that differ
+                 # a dependent effect is proportional to one size, not to several different ones
                  gives=gives, needs=needs, ratio=h.ratio,
                  reads=_inputs(h), way=f"{h.misread} {h.follows}".rstrip())
 
 
 def _inputs(h: Hypothesis) -> frozenset[str]:
-    """Return the recorded inputs that an effect takes, those of joints by joint."""
+    """Return the recorded inputs that an effect uses, those of joints by joint."""
     needs = h.effect.needs if h.effect else ()
     return frozenset(f"{name} {joint}" for name in needs
                      for joint in ((h.on or ("",)) if name in BY_JOINT else ("",)))
 
 
 def _group(h: Hypothesis, family: str) -> str:
-    """Return what a hypothesis is one of several of.
+    """Return the group of similar hypotheses that often occur together.
 
-    Events of a kind, frozen slots of a sort, joints that have the same each by itself; what is set
-    up anew with one session often is with each.
+    Events of a kind, frozen slots of a sort, joints with the same effect each on its own; whatever
+    is set up again with one session often is with every session.
     """
     if h.slot:
         return f"{h.kind} {h.sort}"
@@ -346,7 +346,7 @@ def _family(h: Hypothesis) -> str:
 
 
 def _shares(forms: Sequence[Form]) -> dict[Form, float]:
-    """Return the prior of each set of actuators of a family that acts."""
+    """Return the prior of each set of actuators, given that its family is present."""
     several = [f for f in forms if len(f[0]) > 1]
     single = [f for f in forms if len(f[0]) <= 1]
     every = float(ALL_ALIKE) if several and single else 1.0
@@ -355,7 +355,7 @@ def _shares(forms: Sequence[Form]) -> dict[Form, float]:
 
 
 def _range(h: Hypothesis) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return between which its coefficients are: as they may be, usually are, and are named."""
+    """Return the bounds of its coefficients: the physical and usual ranges intersected."""
     free = ((-np.inf, np.inf),) * h.size
     ends = np.array([tuple(zip(h.low, h.high, strict=True)), h.usual or free])
     return tuple(ends[..., 0].max(axis=0).tolist()), tuple(ends[..., 1].min(axis=0).tolist())

@@ -1,9 +1,9 @@
-"""Rows as a search needs them: what effects may depend on is recorded in every row, or in none.
+"""Rows for a search: inputs of effects have to be recorded in every row, or in none.
 
-A search cannot compare a row with others where a temperature or a direction of approach is
-missing. Where it is missing in few rows, these are left out (the first of a sequence, before a
-joint has moved); where in many, the column is not used. A direction that whole files lack is +1
-or -1 in their rows, nobody knows which: the others tell what goes with it.
+A search cannot compare rows if a temperature or a direction of approach is missing. If it is
+missing in few rows, these are left out (the first of a sequence, before a joint has moved); if in
+many, the column is not used. A direction that whole files lack is +1 or -1 in their rows, but
+unknown: the other files show what depends on it.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from ppmcal.notes import Note
 
 
 def with_whole_rows(problem: Problem) -> Problem:
-    """Return the problem in which every column that may matter is recorded in all usable rows.
+    """Return the problem with every relevant column recorded in all usable rows.
 
-    Rows without are marked unusable, with the reason; columns that most rows lack are emptied,
+    Rows with gaps are marked unusable, with the reason; columns that most rows lack are cleared,
     with a finding.
     """
     whole = [_whole(problem.mechanism, d, c)
@@ -54,8 +54,8 @@ def _whole(mechanism: Mechanism, data: Dataset, rows: Environment) -> Dataset:
         if have >= (1.0 - MOST_GROSS.value) * len(data) or needed & set(names):
             data = data.without(~recorded, f"{names[0]} is not known here")
             continue
-        findings.append(Note(f"{data.name}: {names[0]} is known in {have} of {len(data)} rows "
-                             "only: not used", topic="columns"))
+        findings.append(Note(f"{data.name}: {names[0]} is known in only {have} of {len(data)} "
+                             "rows: not used", topic="columns"))
         for name in names:
             if name in columns:
                 columns[name] = np.full(len(data), np.nan)
@@ -67,7 +67,7 @@ def _whole(mechanism: Mechanism, data: Dataset, rows: Environment) -> Dataset:
 
 
 def _recorded(mechanism: Mechanism, rows: Environment) -> Iterator[tuple[tuple[str, ...], Bools]]:
-    """Yield the columns of each quantity and which rows have it (N,)."""
+    """Yield the columns of each quantity, and which rows have it (N,)."""
     for a, name in enumerate(mechanism.actuators):
         yield (f"dir_{name}",), np.isfinite(rows.approach[:, a])
         yield (f"vel_{name}",), np.isfinite(rows.velocity[:, a])
@@ -77,7 +77,7 @@ def _recorded(mechanism: Mechanism, rows: Environment) -> Iterator[tuple[tuple[s
 
 
 def _needed(mechanism: Mechanism) -> set[str]:
-    """Return the columns that effects of the machine depend on already."""
+    """Return the columns that effects already in the machine depend on."""
     out: set[str] = set()
     for effect in mechanism.effects:
         for need in effect.kind.needs:

@@ -1,4 +1,4 @@
-"""Fits that start where a fit of the same measurements ended."""
+"""Fits that start from the result of a fit of the same measurements."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from ppmcal.linalg import Bools, finite_rows
 from ppmcal.model.mechanism import Mechanism
 
 NEAR = 30
-"""Iterations of a fit that starts where one of the same measurements ended: at most so many."""
+"""Maximum iterations of a fit that starts from the result of a fit of the same measurements."""
 MOST_STEPS = 300
-"""Steps that all fits of such a refit may try together, with those that leave rows out."""
+"""Steps that all fits of such a refit may take together, including those that leave rows out."""
 
 
 def with_mechanism(fit: Fit, mechanism: Mechanism, options: FitOptions) -> Fit:
     """Fit a machine with further effects, or slots freed, to the rows of ``fit``.
 
-    A constant that leaves the range in which it has a meaning is held where it started, until the
-    others are found; where it leaves it again from there, it is not seen, and stays.
+    A constant that leaves its meaningful range is held at its start until the others are found; if
+    it leaves the range again from there, it is not identifiable and stays held.
 
     Args:
         fit: of the machine without them.
-        mechanism: with them, started at their estimates; its parameters begin with those of
-            the fitted machine.
+        mechanism: with them, starting at their estimates; its first parameters are those of the
+            fitted machine.
         options: of the fit.
 
     Raises:
@@ -44,7 +44,7 @@ def with_mechanism(fit: Fit, mechanism: Mechanism, options: FitOptions) -> Fit:
 
 
 def _holding(problem: Problem, held: Sequence[int]) -> Problem:
-    """Return a problem in which some parameters stay where they are."""
+    """Return a problem in which some parameters are held."""
     parameters = list(problem.mechanism.parameters)
     for p in held:
         parameters[p] = replace(parameters[p], free=False)
@@ -54,7 +54,7 @@ def _holding(problem: Problem, held: Sequence[int]) -> Problem:
 
 
 def outside(problem: Problem, state: State) -> list[int]:
-    """Return the free parameters of effects that are beyond what physics allows."""
+    """Return the free parameters of effects that are outside their physical range."""
     mechanism = problem.mechanism
     return [p for e in mechanism.effects for spec in e.kind.parameters(mechanism.motion)
             if (p := e.parameters[spec.name]) in problem.free
@@ -62,13 +62,13 @@ def outside(problem: Problem, state: State) -> list[int]:
 
 
 def _lost(fit: Fit) -> list[int]:
-    """Return those that have no meaning there: constants, not sizes."""
+    """Return those that are meaningless outside: constants, not sizes."""
     return [p for p in outside(fit.problem, fit.state)
             if fit.problem.mechanism.parameters[p].nonlinear]
 
 
 def started(fit: Fit, mechanism: Mechanism) -> tuple[Problem, State]:
-    """Return the problem of such a machine, and where its fit starts; poses as without it."""
+    """Return the problem of such a machine and the start of its fit, with the poses of ``fit``."""
     problem = replace(fit.problem, mechanism=mechanism, free=mechanism.free)
     old = fit.problem.mechanism
     g = mechanism.values.copy()
@@ -88,10 +88,10 @@ def of_rows(fit: Fit, rows: Sequence[Bools], options: FitOptions) -> Fit:
 
 
 def near(problem: Problem, state: State, options: FitOptions) -> Fit:
-    """Fit from a state near by, or from scratch where rows get lost on the way.
+    """Fit from a nearby state, or from scratch if rows get lost on the way.
 
-    A fit that has not converged by :data:`NEAR` iterations wanders along a valley; it is given up
-    with what it reached, and the findings say so.
+    A fit that has not converged after :data:`NEAR` iterations drifts along a valley; it is stopped
+    at the state reached, and the findings say so.
     """
     options = replace(options, iterations=min(options.most, NEAR))
     start = problem.solve(state)

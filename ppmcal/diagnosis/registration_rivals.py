@@ -1,7 +1,7 @@
-"""Registrations that explain what an effect is named for: they are rivals, and come first.
+"""Registrations as rivals of named effects: they take precedence.
 
-An instrument that was moved, a body defined anew, a pose set homed anew look like effects, or like
-geometry, wherever a sidecar keeps them closed.
+A moved instrument, a redefined body or a rehomed pose set looks like an effect, or like geometry,
+if a sidecar keeps the registration fixed.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from ppmcal.linalg import finite_rows
 from ppmcal.wording.progress import start_stage
 
 AS_GOOD = 2.0 * np.log(SURE_ODDS)
-"""What explains as much may have a BIC that is worse by this."""
+"""Explanations whose BIC differs by at most this count as equally good."""
 
 
 def diagnose_with_registration(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
-    """Return the diagnosis, registrations that files keep closed among the explanations.
+    """Return the diagnosis, considering registrations that files keep fixed as explanations.
 
-    Where one lowers the error and nothing that is named explains it as well, effects are sought
-    again with it open. What explains as much as it does is named with it as its alternative.
+    If freeing one lowers the error and no named effect explains it as well, the search is repeated
+    with it free. If named effects explain it equally well, it is listed as their alternative.
 
     Args:
         problem: machine, data and free geometry.
@@ -64,13 +64,13 @@ def diagnose_with_registration(problem: Problem, options: DiagnosisOptions) -> D
 
 
 def _worse(found: Diagnosis, hint: RegistrationHint) -> float:
-    """Return by how much BIC of the named effects is worse than that of the registration."""
+    """Return the BIC of the named effects minus that of the registration."""
     square, count = _squares(found.identification.fit, hint)
     other = hint.square * found.before.noise**2
     n = min(count, hint.count)
     fit = found.identification.fit
     fitted = values_taken(fit)
-    # the noise is that of the better of the two, the stated one at least
+    # use the noise of the better of the two, at least the stated noise
     noise = max(1.0, min(square / max(count - fitted, 1.0),
                          other / max(hint.count - hint.fitted, 1.0)))
     return float((square / count - other / hint.count) * n / noise
@@ -78,7 +78,7 @@ def _worse(found: Diagnosis, hint: RegistrationHint) -> float:
 
 
 def _squares(fit: Fit, hint: RegistrationHint) -> tuple[float, float]:
-    """Return the sum of white squares, by the stated noise, of the rows behind a hint."""
+    """Return the sum and count of squared whitened residuals, by stated noise, of a hint's rows."""
     keep = [k & finite_rows(p) for k, p in zip(hint.keep, fit.state.poses, strict=True)]
     square, count = white_squares(fit.problem, fit.state, keep)
     return fit.noise**2 * square, count

@@ -1,9 +1,9 @@
-"""Residuals row by row as the pictures need them: by joint, by coordinate, against inputs.
+"""Residuals row by row for plots: by joint, by coordinate, against inputs.
 
-A row's residual r (measured minus predicted) becomes joint errors dq = J_q^+ r, J_q the
-derivative of the prediction by the joint coordinates, both in units of the stated noise: how
-much further each joint is than the model believes. Where an instrument sees less than the
-joints can do, dq is the smallest joint error that explains the row.
+A row's residual r (measured minus predicted) becomes joint errors dq = J_q^+ r, with J_q the
+derivative of the prediction by the joint coordinates, both in units of the stated noise: how much
+further each joint is than the model predicts. If an instrument observes less than the joints can
+move, dq is the smallest joint error that explains the row.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from ppmcal.model.effects import Inputs
 from ppmcal.model.mechanism import Mechanism
 
 MOST_ROWS = 6000
-"""Plots show at most so many rows, evenly spread."""
+"""Most rows in a plot, evenly spread."""
 BINS, FEWEST = 16, 3
-"""Bins of a continuous input, and rows that a bin must have."""
+"""Most bins of a continuous input, and fewest rows in a bin."""
 
 
 @dataclass(frozen=True, eq=False)
 class ProfileErrors:
     """Errors of N rows after one fit: ``joint`` (N, k), ``sigma`` (N, k), ``measured`` (N, 6).
 
-    ``sigma`` is what the stated noise gives in ``joint``; ``measured`` the residual by
-    coordinate x, y, z, rx, ry, rz, nan where it was not measured. SI.
+    ``sigma``: standard deviation of ``joint`` from the stated noise; ``measured``: the residual by
+    coordinate x, y, z, rx, ry, rz, nan where not measured. SI.
     """
 
     joint: Array
@@ -44,8 +44,8 @@ class ProfileErrors:
 class Binned:
     """Means in bins of an input, with the half width of their 95 % intervals; SI.
 
-    ``x`` mean input of each bin (B,); ``names`` of the bins where they are classes, else
-    empty; ``count`` of values.
+    ``x``: mean input of each bin (B,); ``names``: of the bins if they are classes, otherwise empty;
+    ``count``: of values.
     """
 
     x: Array
@@ -61,7 +61,7 @@ def gather(before: Fit, after: Fit, rows: Sequence[Bools]
            ) -> tuple[ProfileErrors, ProfileErrors, Inputs, Ints]:
     """Return errors without and with the effects, inputs, and a label per row, (N, ...).
 
-    ``rows``: those wanted, by data set.
+    ``rows``: masks of the rows wanted, by data set.
     """
     keep = subsample([a & finite_rows(p) & finite_rows(q) for a, p, q in
                     zip(rows, before.state.poses, after.state.poses, strict=True)], MOST_ROWS)
@@ -105,14 +105,14 @@ def _inputs(rows: Rows, mechanism: Mechanism) -> tuple[Array, ...]:
 
 def binned(x: Array, before: Array, after: Array, row: Ints,
            name: Callable[[float], str] | None = None) -> Binned | None:
-    """Return means of errors in bins of an input, None where there is nothing to draw.
+    """Return mean errors in bins of an input, None if there is nothing to draw.
 
     Args:
         x: input (V,), nan where not recorded.
-        before: errors (V,), and ``after``.
-        after: errors with the effects.
-        row: label of the measurement each value is of; values of one row are not independent.
-        name: gives each value of ``x`` a name; then every value is a bin of its own.
+        before: errors without the effects (V,).
+        after: errors with the effects (V,).
+        row: label of each value's measurement; values of one row are not independent.
+        name: gives each value of ``x`` a name; each value is then a bin.
     """
     good = np.isfinite(x) & np.isfinite(before) & np.isfinite(after)
     x, before, after, row = x[good], before[good], after[good], row[good]
@@ -130,7 +130,7 @@ def binned(x: Array, before: Array, after: Array, row: Ints,
 
 
 def _labels(x: Array, classes: bool) -> Ints:
-    """Return the bin of each value: each value its own where they are few, else quantiles."""
+    """Return the bin of each value: one per distinct value if few, otherwise by quantiles."""
     values, label = np.unique(np.round(x, 12), return_inverse=True)
     if classes or values.size <= 12:
         return np.asarray(label).reshape(-1).astype(np.int64)

@@ -1,4 +1,4 @@
-"""Residuals against the input that each named effect follows, before and after."""
+"""Residuals against the input of each named effect, before and after."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from ppmcal.units import Quantity
 
 MOST_SERIES = 12
 EACH, NOTICEABLE = 2, 0.2
-"""An effect of the whole machine is shown in so many coordinates, where it is strongest, and
-further ones only where it is at least this part as strong."""
+"""An effect of the whole machine is shown in at most this many coordinates, the strongest, and
+beyond the first only if at least this part as strong."""
 OF_JOINTS = (TRAVEL, DIRECTION, VELOCITY, LOAD, TEMPERATURE, TIME)
-"""Inputs that joints are shown against where nothing was named."""
+"""Inputs against which joint errors are shown if nothing was named."""
 OF_UNIT, OF_INPUT = Quantity(of="unit", digits=6), Quantity(of="input_unit", digits=6)
 OfUnit = Annotated[float, OF_UNIT]
 Means = tuple[float | None, ...]
@@ -41,11 +41,11 @@ Means = tuple[float | None, ...]
 class Series:
     """Mean errors in bins of one input, with half of their 95 % intervals.
 
-    ``effect`` is an index into the diagnosis's effects; None: what is left, or nothing was named.
-    ``role``: ``effect``, ``left`` (what is left follows it) or ``recorded``. The errors are of the
-    joints ``on`` or, where there are none, of the measured ``coordinate``, in ``unit``; ``input``:
-    ``direction``, ``load``...; ``which``: its component or actuator; ``x`` and, of a folded input,
-    ``period`` are in ``input_unit``; ``names`` are those of classes.
+    ``effect``: index into the diagnosis's effects, None if nothing was named. ``role``: ``effect``
+    or ``recorded`` (``left`` in older files). The errors are those of the joints ``on`` or, without
+    joints, of the measured ``coordinate``, in ``unit``; ``input``: ``direction``, ``load``...;
+    ``which``: its component or actuator; ``x`` and, for a folded input, ``period`` are in
+    ``input_unit``; ``names`` are those of classes.
     """
 
     effect: int | None
@@ -77,7 +77,7 @@ class Series:
         """Return the mean square of the means over their standard errors: 1 for noise."""
         mean, half = np.array((self.after, self.after_95) if after else
                               (self.before, self.before_95), dtype=float)
-        # values that are the same to the last digit say nothing of their noise
+        # values equal to the last digit show no noise
         seen = half > 1e-9 * np.abs(mean)
         if not seen.any():
             return 0.0
@@ -105,7 +105,7 @@ class _Source:
 
     def joints(self, on: Sequence[str], follows: EffectInput, period: float = 0.0
                ) -> Series | None:
-        """Return the errors of some joints together, against one input of theirs."""
+        """Return the errors of some joints together, against one of their inputs."""
         mechanism = self.mechanism
         at = [mechanism.actuators.index(a) for a in on]
         at = [a for a in at if mechanism.actuator_quantity[a]
@@ -122,7 +122,7 @@ class _Source:
 
     def _input(self, follows: EffectInput, at: list[int], names: tuple[str, ...], period: float
                ) -> tuple[Array, Callable[[float], str] | None]:
-        """Return an input (N, len(at)), and how its classes are called."""
+        """Return an input (N, len(at)), and a function that names its classes."""
         values = follows.value(self.inputs)
         if values.ndim == 1:
             return np.broadcast_to(values[:, None], (len(self.row), len(at))), None
@@ -145,9 +145,9 @@ class _Source:
                          coordinate=POSE_COORDINATES[c])
 
     def machine(self, follows: EffectInput, after: bool) -> list[Series]:
-        """Return coordinates against a machine's input, those that follow it most.
+        """Return coordinates against an input of the machine, those that depend on it most.
 
-        ``after``: by what is left after the effects, else by what was there before.
+        ``after``: judged by errors with the effects, otherwise without.
         """
         names = [name for name, _ in follows.components] or [""]
         there = range(len(names)) if follows is not POSE else self.mechanism.dof
@@ -166,7 +166,7 @@ def _strongest(series: Sequence[Series], after: bool, count: int) -> list[Series
 def all_series(
     result: Diagnosis, before: ProfileErrors, after: ProfileErrors, inputs: Inputs, row: Ints
 ) -> tuple[Series, ...]:
-    """Return the series of each named effect, of what is left, or of what was recorded."""
+    """Return the series of each named effect, or of recorded inputs if nothing was named."""
     source = _Source(result.identification.mechanism, before, after, inputs, row)
     out: list[Series] = []
     for n, effect in enumerate(result.effects):
@@ -194,6 +194,6 @@ def _of_effect(source: _Source, effect: NamedEffect, result: Diagnosis) -> list[
 
 
 def _recorded(source: _Source) -> list[Series]:
-    """Return the joint with the largest errors against everything that was recorded."""
+    """Return the joint with the largest errors against every recorded input."""
     worst = source.worst(source.before)
     return [s for s in (source.joints([worst], follows) for follows in OF_JOINTS) if s]

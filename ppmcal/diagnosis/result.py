@@ -1,4 +1,4 @@
-"""What a diagnosis found, as plain data; SI."""
+"""Results of a diagnosis, as plain data; SI."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ VERDICTS = ("none", "weak", "named", "named-set", "partial", "unnamed")
 NAMED = ("named", "named-set", "partial")
 """Verdicts that name something."""
 SILENT = ("none", "weak")
-"""Verdicts that say of nothing that it is there."""
+"""Verdicts without a proven effect."""
 LEARNED_AFTER = ("unnamed", "partial")
 """Verdicts that leave something to learn."""
 
@@ -40,7 +40,7 @@ LEARNED_AFTER = ("unnamed", "partial")
 class Onset:
     """The row of the campaign where an event starts, with its 95 % interval.
 
-    ``dataset``: within which file it is counted, once it is said.
+    ``dataset``: the file within which rows are counted, if set.
     """
 
     row: Annotated[int, Key("value")]
@@ -51,14 +51,14 @@ class Onset:
 
 @dataclass(frozen=True, eq=False)
 class SessionEffect:
-    """The size of one effect in each session, all else shared.
+    """The size of one effect in each session, everything else shared.
 
     Attributes:
-        labels: of the sessions in which it can be seen (S,).
+        labels: of the sessions in which it is observable (S,).
         names: of its free parameters in the model (p,).
         value, sigma: SI (S, p).
-        same: probability of being the same in all of them.
-        times: half of a 95 % interval over ``sigma``, the noise's size not being known exactly.
+        same: probability that it is the same in all of them.
+        times: coverage factor, half of a 95 % interval over ``sigma``, as the noise is estimated.
     """
 
     labels: tuple[str, ...]
@@ -71,13 +71,13 @@ class SessionEffect:
 
 @dataclass(frozen=True)
 class NamedEffect:
-    """One effect that the data ask for.
+    """One effect for which the data are evidence.
 
     ``parameters``: names in the model; ``visibility``: the part that geometry leaves;
-    ``probability`` that it is there and nothing else in its place; ``alternatives``: labels of what
-    may be in its place, with their ``probabilities``; ``hypothesis``: the one that it came from,
-    which may have a value for each of several actuators; ``onset``: of an event, the row where it
-    starts; ``sessions``: its size in each, where there are several.
+    ``probability`` that it is present rather than an alternative; ``alternatives``: labels of what
+    may be present instead, with their ``probabilities``; ``hypothesis``: its origin, which may have
+    a value for each of several actuators; ``onset``: for an event, the row where it starts;
+    ``sessions``: its size in each of several sessions.
     """
 
     kind: str
@@ -93,11 +93,11 @@ class NamedEffect:
 
     @property
     def odds(self) -> tuple[float, ...]:
-        """How much likelier it is than each of the alternatives."""
+        """How much more probable it is than each of the alternatives."""
         return tuple(self.probability / p for p in self.probabilities)
 
     def side(self, mechanism: Mechanism) -> str:
-        """Return whether the joint ``lags`` or ``leads`` its reading, empty for other kinds.
+        """Return whether the joint ``lags`` or ``leads`` its reading; empty for other kinds.
 
         Args:
             mechanism: with the fitted values.
@@ -112,10 +112,10 @@ class NamedEffect:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One hypothesis of the library and what became of it.
+    """One hypothesis of the library and its status.
 
-    ``probability`` that it is there; ``visibility``: the part that geometry leaves, nan of what the
-    rows in use do not tell; ``status``: named, alternative, weak, not needed.
+    ``probability`` that it is present; ``visibility``: the part that geometry leaves, nan if the
+    rows in use do not show it; ``status``: named, alternative, weak, not needed.
     """
 
     hypothesis: Hypothesis
@@ -127,7 +127,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class UnknownFound:
-    """Something that is there and has no name, what it looks like, and how probable it is.
+    """An unknown cause: a description and its probability.
 
     ``alternatives``: what it may be instead, with their ``probabilities``.
     """
@@ -140,7 +140,7 @@ class UnknownFound:
 
 @dataclass(frozen=True)
 class Predictions:
-    """How well rows left out are predicted: ``score``, the logarithm of their density.
+    """How well left-out rows are predicted: ``score``, their log predictive density.
 
     ``error``: rms over the stated noise; ``score_sigma``, ``error_sigma``: standard errors.
     """
@@ -153,10 +153,10 @@ class Predictions:
 
 @dataclass(frozen=True)
 class LeftOutBlocks:
-    """Rows left out in turn, so many ``blocks``, ``by`` pose, session, time, temperature or load.
+    """Rows left out in turn, in ``blocks``, ``by`` pose, session, time, temperature or load.
 
     Predicted by ``geometry`` alone, and by the model ``averaged`` over all sets of causes by their
-    probability; ``gain``: by how much the score of that is larger, with its standard error.
+    probability; ``gain``: increase of the score by the latter, with its standard error.
     """
 
     by: str
@@ -168,18 +168,18 @@ class LeftOutBlocks:
 
     @property
     def surely_better(self) -> bool:
-        """Whether geometry alone surely predicts worse."""
+        """Whether geometry alone clearly predicts worse."""
         return self.gain - SURE_SIGMAS * self.gain_sigma > 0.0
 
     @property
     def surely_worse(self) -> bool:
-        """Whether geometry alone surely predicts better."""
+        """Whether geometry alone clearly predicts better."""
         return self.gain + SURE_SIGMAS * self.gain_sigma < 0.0
 
 
 @dataclass(frozen=True)
 class Swallowed:
-    """A parameter that had moved to imitate an effect: error without and with it, in ``unit``."""
+    """A parameter that absorbed an effect: its error without and with the effect, in ``unit``."""
 
     name: str
     before: OfUnit
@@ -190,7 +190,7 @@ class Swallowed:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """Fits and tests on the training rows: without and with effects, first and last tests."""
+    """Fits and tests on the training rows: fits without and with effects, first and last tests."""
 
     before: Fit
     after: Fit
@@ -200,20 +200,20 @@ class Found:
 
     @property
     def noise(self) -> float:
-        """The noise over the stated one: that of repeats where there are enough."""
+        """The noise over the stated one: from repeats if there are enough, otherwise 1."""
         pure = pure_error(self.first.system)
         return pure.ratio if pure is not None and pure.freedom >= ENOUGH_REPEATS else 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class LearnedTerms:
-    """What was learned.
+    """Learned terms.
 
     Attributes:
         learned: terms and curves, from all rows; seen: those rows.
         without, fit: of all rows, without and with the terms.
-        gap: on held-out poses, the terms learned without them.
-        equations: for each term, a short equation that does as well, or None.
+        gap: on held-out poses, with the terms learned without these poses.
+        equations: for each term, a short equation that predicts equally well, or None.
     """
 
     learned: Learned
@@ -226,28 +226,27 @@ class LearnedTerms:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """Everything that a diagnosis found.
+    """All results of a diagnosis.
 
     Attributes:
         verdict: one of :data:`VERDICTS`.
-        effects: what was named. possible: what is there but cannot be named.
-        remainder: what is left; start: of the fit without effects.
-        gap: on held-out poses, None where none could be held out.
-        localised: where residuals are, without and with the effects.
+        effects: named effects; suspected: candidates that are possibly present.
+        remainder: lack of fit with the effects; start: without them.
+        gap: on held-out poses, None if none could be held out.
+        localised: location of residuals, without and with the effects.
         candidates, untestable, absorbed_by_geometry: tables.
         before: fit to all rows without the effects; identification: with them.
         found: fits and tests on the training rows.
         proposal: what to measure next.
-        findings: what the user must look at.
-        others: the machine under each other set of effects; last, with no effect, in place of
-            none, and odds 1, the one without effects.
-        blocks: the gap where stretches of time, temperature or load are left out in turn.
-        learned: terms learned from what was left, which claim no cause; they are in the
+        findings: notes for the user.
+        others: the machine under each other set of effects; the last, with empty labels and odds 1,
+            is the one without effects.
+        learned: terms learned from the remaining residuals, without a cause; included in the
             identification.
-        days: each session as fits of the others predict it, with and without each effect.
-        predictive: rows left out, predicted by geometry alone and by all that may be there.
-        nothing: probability that the geometry is all there is; nan where it was not asked.
-        unknown: what is there without a name.
+        days: each session as predicted by fits of the others, with and without each effect.
+        predictive: left-out rows, predicted by geometry alone and by the averaged model.
+        nothing: probability that there is only geometry; nan if not computed.
+        unknown: unknown causes found.
     """
 
     verdict: str

@@ -1,4 +1,4 @@
-"""What a search may know of the data before it chooses which constants of a kind to try."""
+"""Summary of the data from which a search chooses the constants of a kind to try."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ppmcal.model.effects import ScanRange
 def scan_range(system: System) -> ScanRange:
     """Return stroke, joints, rows, loads, moves, times and speeds of a system's rows, SI.
 
-    Moves and times are those of the whole files; without any, the defaults stand.
+    Moves and times are those of whole files; defaults apply if there are none.
     """
     rows = [p.response.rows for p in system.parts]
     numbers = np.unique(np.concatenate([r.row for r in rows]))

@@ -1,7 +1,7 @@
-"""Whether an effect is the machine's, or belongs to one session: its size in each of them.
+"""Whether an effect belongs to the machine or to a session: its size in each session.
 
-In the final fit the columns of an effect are cut by session, all other columns stay shared. At the
-minimum only these cut columns have a gradient, so that one linear step gives the sizes.
+In the final fit the columns of an effect are split by session, all other columns stay shared. At
+the minimum only these split columns have a gradient, so that one linear step gives the sizes.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from ppmcal.notes import Note
 from ppmcal.wording import actuator_list
 
 SEEN = 1e-10
-"""An effect is not seen in a session that holds less than this of its squared column."""
+"""An effect is not observable in a session with less than this part of its squared column."""
 
 
 def with_sessions(fit: Fit, effects: Sequence[NamedEffect]
                   ) -> tuple[tuple[NamedEffect, ...], list[Note]]:
-    """Return the effects with their size in each session, and what differs between these.
+    """Return the effects with their size in each session, and notes on differences.
 
     Args:
         fit: of all rows, effects included.
-        effects: named ones; events and slots of the geometry are of no session.
+        effects: named ones; events and slots of the geometry have no size by session.
     """
     found = session_effects(fit, effects)
     mechanism = fit.problem.mechanism
@@ -52,7 +52,7 @@ def with_sessions(fit: Fit, effects: Sequence[NamedEffect]
             # one hypothesis may have a value for each of several actuators
             kind = effect.hypothesis.label.partition(" on ")[0].removesuffix(UNLIKE)
             name = f"{kind} on {place}" if place else kind
-            told.append(Note(f"{name} is not the same in all sessions (the same with probability "
+            told.append(Note(f"{name} differs between sessions (equal with probability "
                              f"{sizes.same:.1g}): {first.rpartition('.')[2]} {each} (95 %)",
                              topic="sessions"))
     told += _begun(effects, len(mechanism.actuators))
@@ -60,7 +60,7 @@ def with_sessions(fit: Fit, effects: Sequence[NamedEffect]
 
 
 def _begun(effects: Sequence[NamedEffect], count: int) -> list[Note]:
-    """Return what is another from a session on, joints of one event together."""
+    """Return notes on events that begin with a session, joints of one event together."""
     on: dict[tuple[str, str, bool], list[str]] = {}
     for effect in effects:
         h = effect.hypothesis
@@ -70,14 +70,14 @@ def _begun(effects: Sequence[NamedEffect], count: int) -> list[Note]:
     for (name, session, first), joints in on.items():
         place = actuator_list(joints, count)
         what = f"{name} on {place}" if place else name
-        out.append(Note(f"{what} is there in session {session} already, against the drawing"
-                        if first else f"{what} begins with session {session}: what was set up anew "
-                        "before it does not stand as it did", topic="sessions"))
+        out.append(Note(f"{what} is already present in session {session}, relative to the drawing"
+                        if first else f"{what} begins with session {session}: the machine or the "
+                        "instrument was set up differently before it", topic="sessions"))
     return out
 
 
 def session_effects(fit: Fit, effects: Sequence[NamedEffect]) -> list[SessionEffect | None]:
-    """Return each effect's size by session; None where it is seen in fewer than two."""
+    """Return each effect's size by session; None if observable in fewer than two."""
     labels = session_masks(fit.problem.datasets)
     if len(labels) < 2:
         return [None] * len(effects)
@@ -94,7 +94,7 @@ def session_effects(fit: Fit, effects: Sequence[NamedEffect]) -> list[SessionEff
 
 
 def _rows(system: System, mask: Sequence[Bools]) -> Bools:
-    """Return which rows of a system are those of a mask by data set (N,)."""
+    """Return which rows of a system are in a mask by data set (N,)."""
     return np.array([mask[d][n] for d, n in zip(system.dataset.tolist(), system.row.tolist(),
                                                 strict=True)], dtype=bool)
 
@@ -135,9 +135,9 @@ def _cut(fit: Fit, system: System, own: Sequence[int], masks: Sequence[Bools],
 
 
 def _apart(step: Array, covariance: Array) -> float:
-    """Return the probability of all rows of ``step`` (S, p) being the same."""
+    """Return the probability that all rows of ``step`` (S, p) are equal."""
     count, size = step.shape
-    # differences against the first session
+    # differences from the first session
     differences = np.kron(np.concatenate([-np.ones((count - 1, 1)), np.eye(count - 1)], axis=1),
                           np.eye(size))
     away = differences @ step.reshape(-1)

@@ -1,8 +1,8 @@
-"""What a learned term could follow and act on, and its whitened columns, one for each node.
+"""Possible inputs and targets of a learned term, and its whitened columns, one for each node.
 
 A term is a spline through values at nodes (:mod:`ppmcal.model.effects.learned_curve`), of one
-input or of two that are recorded of the same joint. Each of its columns says how residuals move
-with the value at one node.
+input or of two inputs of the same joint. Each of its columns is the derivative of the residuals by
+the value at one node.
 """
 
 from __future__ import annotations
@@ -24,30 +24,30 @@ from ppmcal.model.effects.setting import PLACE
 from ppmcal.model.mechanism import Mechanism
 
 FINE, COARSE, FEWEST = 24, 12, 3
-"""Nodes over the travel of a joint, where wear is local, and over other inputs; and the fewest."""
+"""Most nodes over a joint's travel (wear is local) and over other inputs; the fewest nodes."""
 PAIRED = (8, 3)
 """Nodes over the first and the second input of a pair."""
 SECOND = ("velocity", "last move", "load", "temperature")
-"""What a function of a joint's travel may change with, and of these one with a later one."""
+"""Second inputs of a function of a joint's travel, and of a function of an earlier one of these."""
 PER_NODE = 3
-"""Rows that a node must have, in the mean."""
+"""Rows per node required on average."""
 MARGIN = 0.005
 """The first and the last node are beyond the data by this part of their range."""
 BEYOND = 30.0
-"""A pose coordinate is an input where its range is so many times what residuals amount to."""
+"""A pose coordinate is an input if its range is this multiple of the residuals."""
 TWIN = 0.9999
-"""Of two that rows see so much alike (cosine) one is tried."""
+"""Of two columns with at least this cosine in the rows only one is tried."""
 SEEN_BETTER = 1e-6
-"""By which part one is seen better than another, beyond round-off."""
+"""Relative difference in visibility that exceeds round-off."""
 PASSING = ("time",)
-"""Inputs that no later command can have again: what follows them is reported, and not learned."""
+"""Inputs that no later command can have: effects of them are reported, but not learned."""
 
 
 @dataclass(frozen=True, eq=False)
 class Visible:
-    """Rows with a fit's residual, white, and what geometry and named effects cannot do there.
+    """Rows with a fit's whitened residual, and its part beyond geometry and named effects.
 
-    ``basis`` (n, r) of what they can do; ``left`` (n,) the residual free of it.
+    ``basis`` (n, r): of geometry and effects; ``left`` (n,): the residual orthogonal to it.
     """
 
     system: System
@@ -57,15 +57,15 @@ class Visible:
 
     @property
     def freedom(self) -> int:
-        """Values less what was fitted."""
+        """Degrees of freedom: values less fitted parameters."""
         return max(self.system.count - int(self.basis.shape[1]), 1)
 
     @cached_property
     def residual_coordinates(self) -> frozenset[str]:
-        """Coordinates of the predicted pose that hardly vary but by the errors.
+        """Coordinates of the predicted pose that hardly vary except by the errors.
 
-        Where touches are all of one height, the predicted z is that height less the residual: a
-        function of it explains every residual, also of unseen rows, and nothing else.
+        If all touches have one height, the predicted z is that height minus the residual: a
+        function of it explains every residual, even of unseen rows, and nothing else.
         """
         units = np.concatenate([u.reshape(-1, 6) for u in self.by_place])
         size = float(np.sqrt(np.mean(self.left**2)))
@@ -80,10 +80,10 @@ class Visible:
 
     @cached_property
     def coordinates(self) -> tuple[str, ...]:
-        """Coordinates of the pose that rows see by themselves.
+        """Coordinates of the pose that rows observe directly.
 
-        A flat shows how far along it a platform is by its own tilt only, as a part of how high
-        that is: what would have to be millimetres there is micrometres across it.
+        A flat shows the platform's position along it only through its own tilt, as a small part of
+        the height: millimetres along the flat appear as micrometres across it.
         """
         every = self.system.problem.mechanism.coordinates
         found = [np.zeros(6, dtype=bool), *(_by_itself(u.reshape(-1, 6)) for u in self.by_place)]
@@ -91,18 +91,18 @@ class Visible:
 
     @cached_property
     def by_joint(self) -> list[Array]:
-        """Column (N, m) of one unit of each joint coordinate, by part of the system."""
+        """Columns (N, m, k) of one unit of each joint coordinate, by part of the system."""
         return [_units(p.column, p.of_joints) for p in self.system.parts]
 
     @cached_property
     def by_place(self) -> list[Array]:
-        """The same of one unit of each pose coordinate."""
+        """The same for one unit of each pose coordinate (N, m, 6)."""
         return [_units(p.column, [Shift(pose=np.tile(np.eye(6)[c], (len(p.response.pose), 1)))
                                   for c in range(6)]) for p in self.system.parts]
 
 
 def _by_itself(units: Array) -> Bools:
-    """Return which coordinates are seen, and not as a part of a better seen one of their kind (6,).
+    """Return which coordinates are observed, and not just as a part of a better observed one (6,).
 
     ``units`` (n, 6): columns of one unit of each coordinate.
     """
@@ -119,7 +119,7 @@ def _units(column: Callable[[Shift], Array], shifts: Sequence[Shift]) -> Array:
 
 
 def all_settings(fit: Fit) -> list[Setting]:
-    """Return what effects may know of all rows that have a pose, used or not."""
+    """Return the inputs of effects in all rows that have a pose, used or not."""
     problem, out = fit.problem, []
     for i, rows in enumerate(problem.environments):
         for q, pose in problem.ends(i, fit.state):
@@ -130,15 +130,15 @@ def all_settings(fit: Fit) -> list[Setting]:
 
 
 def _varies(values: Array) -> Bools:
-    """Return which columns (N, p) change by more than round-off."""
+    """Return which columns (N, p) vary by more than round-off."""
     return np.asarray(np.ptp(values, axis=0) > 1e-9 * np.max(np.abs(values), axis=0))
 
 
 def forms(seen: Visible, everywhere: Sequence[Setting]
           ) -> Iterator[tuple[LearnedCurve, tuple[bool, ...]]]:
-    """Yield curves in each recorded input, and the actuators that follow them.
+    """Yield curves in each recorded input, and the actuators that they act on.
 
-    ``everywhere``: all rows that the model has to hold in, for the nodes.
+    ``everywhere``: all rows that the nodes have to cover.
     """
     mechanism = seen.system.problem.mechanism
     k, groups = len(mechanism.actuators), joint_groups(mechanism)
@@ -168,7 +168,7 @@ def forms(seen: Visible, everywhere: Sequence[Setting]
 
 def _pairs(curve: LearnedCurve, here: Sequence[Setting], everywhere: Sequence[Setting],
            on: tuple[bool, ...]) -> Iterator[LearnedCurve]:
-    """Yield the functions of an input and of a second one, where rows are enough for them."""
+    """Yield the functions of an input and a second one, if there are enough rows."""
     order = ("travel", *SECOND)
     later = order[order.index(curve.input) + 1:] if curve.input in order else ()
     for name in later:
@@ -192,7 +192,7 @@ def _recorded(source: LearnedInput, here: Sequence[Setting], coordinates: Sequen
 
 def _curve(source: LearnedInput, here: Sequence[Setting], everywhere: Sequence[Setting],
            on: tuple[bool, ...], joint: str) -> LearnedCurve | None:
-    """Return a curve over the range of an input, None where that takes too few values."""
+    """Return a curve over the range of an input, None if that has too few values."""
     def values(rows: Sequence[Setting]) -> Array:
         x = np.concatenate([source.value(s) for s in rows])
         x = x if x.ndim == 1 else x[:, np.array(on)].ravel()
@@ -206,10 +206,10 @@ def _curve(source: LearnedInput, here: Sequence[Setting], everywhere: Sequence[S
 
 def nodes_over(used: Array, whole: Array, most: int, fewest: int = FEWEST,
                margin: float = MARGIN) -> Array | None:
-    """Return nodes (K,) over the range of an input, None where it takes too few values.
+    """Return nodes (K,) over the range of an input, None if it has too few values.
 
-    ``used``: its values in the rows in use; ``whole``: in all that the nodes are to cover;
-    ``margin``: by which part of the range they go beyond it.
+    ``used``: its values in the rows in use; ``whole``: in all rows to be covered; ``margin``: part
+    of the range by which the nodes extend beyond it.
     """
     width = float(np.ptp(whole))
     if not width > 1e-9 * float(np.abs(whole).max()):
@@ -223,7 +223,7 @@ def nodes_over(used: Array, whole: Array, most: int, fewest: int = FEWEST,
 
 
 def joint_groups(mechanism: Mechanism) -> list[tuple[bool, ...]]:
-    """Return which joints (k,) do alike: each by itself, and all of them if they are alike."""
+    """Return sets of joints (k,) that act alike: each alone, and all if of one quantity."""
     k = len(mechanism.actuators)
     each = [tuple(a == b for b in range(k)) for a in range(k)]
     return each + ([(True,) * k] if k > 1 and len(set(mechanism.actuator_quantity)) == 1 else [])
@@ -237,9 +237,9 @@ def columns_of(seen: Visible, curve: LearnedCurve, on: Sequence[bool]) -> Array:
 
 def columns_from(seen: Visible, acts: str, on: Sequence[bool], weights: Sequence[Array]
                  ) -> Array:
-    """Return the whitened columns (n, K) of functions that act as a curve does.
+    """Return the whitened columns (n, K) of functions that act like a curve.
 
-    ``acts``: on a coordinate of the pose, or on the joints ``on``. ``weights``: the functions of
+    ``acts``: on a coordinate of the pose, or on the joints ``on``. ``weights``: the functions for
     the machine (N, K), or by joint (N, k, K), by part of the system.
     """
     system, columns = seen.system, []

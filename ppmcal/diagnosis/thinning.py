@@ -1,9 +1,9 @@
-"""Which rows effects are sought in, where there are very many; fits use them all.
+"""Selection of rows for the search for effects if there are very many; fits use all rows.
 
-Each session keeps its share, and so do rows of one load. Within them the rows are cut into runs of
-equal length in the order of the file, and of each run one row is taken, by chance but always the
-same: time stays covered evenly, and nothing that alternates from row to row, as directions do, is
-in step with what is taken.
+Each session keeps its share, and so do rows of one load. Within these, rows are split into runs of
+equal length in file order, and one row of each run is drawn with a fixed seed: time is covered
+evenly, and the selection is not in step with anything that alternates from row to row, such as
+directions.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.sessions import session_masks
 
 MOST_VALUES = 6000
-"""Values that all rows together have at most: 1000 poses, or 1500 heights."""
+"""Most values in all selected rows: 1000 poses, or 1500 heights."""
 LEAST = 60
-"""Rows of one session under one load that are kept, where there are as many."""
+"""Rows kept of one session and load, if available."""
 SAME_LOAD = 0.02
-"""Loads that differ by less than this part of the largest are the same."""
+"""Loads that differ by less than this part of the largest count as equal."""
 MOST_STRATA = 40
-"""Where there are more sessions and loads than that, the rows' order alone counts."""
+"""With more combinations of session and load than this, only the order of the rows counts."""
 
 
 def thinned(problem: Problem, keep: Sequence[Bools]) -> list[Bools]:
-    """Return masks (N,) by data set with at most as many rows as a search takes."""
+    """Return masks (N,) by data set with at most as many rows as a search uses."""
     width = max(values_per_row(d, problem.mechanism) for d in problem.datasets)
     most = min(MOST_ROWS, MOST_VALUES // width)
     total = sum(int(k.sum()) for k in keep)
@@ -47,7 +47,7 @@ def thinned(problem: Problem, keep: Sequence[Bools]) -> list[Bools]:
 
 
 def _strata(problem: Problem) -> Ints:
-    """Return one label for each session and load of all rows, one data set after the other."""
+    """Return one label per session and load for all rows, data set by data set."""
     session = np.zeros(sum(len(d) for d in problem.datasets))
     for n, (_, masks) in enumerate(session_masks(problem.datasets)):
         session[np.concatenate(masks)] = n
@@ -58,7 +58,7 @@ def _strata(problem: Problem) -> Ints:
 
 
 def _shares(sizes: Array | Ints, most: int) -> Ints:
-    """Return how many rows each stratum keeps: in proportion, but the least that counts.
+    """Return how many rows each stratum keeps: in proportion, but at least the minimum.
 
     >>> _shares(np.array([8950, 1000, 50]), 1000).tolist()
     [852, 97, 50]
@@ -69,14 +69,14 @@ def _shares(sizes: Array | Ints, most: int) -> Ints:
     out = np.maximum(fair, least)
     over = int(out.sum()) - most
     if over > 0:
-        # those that have more than the least give way, in proportion
+        # strata above the minimum are reduced in proportion
         spare = np.where(room > 0, out - least, 0)
         out = out - np.ceil(spare * (over / max(int(spare.sum()), 1))).astype(np.int64)
     return np.asarray(np.clip(out, 0, sizes), dtype=np.int64)
 
 
 def _one_of_each_run(rows: Ints, count: int) -> Ints:
-    """Return ``count`` of some rows (n,), one of each run of equal length."""
+    """Return ``count`` of the rows (n,), one from each run of equal length."""
     if count >= rows.size:
         return rows
     ends = np.linspace(0, rows.size, count + 1).astype(np.int64)

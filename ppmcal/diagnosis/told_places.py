@@ -1,4 +1,4 @@
-"""What is reported of what was found: effects, what has no name, every candidate, what is left."""
+"""Reported results of the search: named effects, unknown causes, candidates, lack of fit."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from ppmcal.inference.priors import SURE
 
 
 def unknown(what: Told, place: CausePlace) -> UnknownFound:
-    """Return what a place without a name looks like, and what may be there instead.
+    """Return the description of an unnamed cause, and its alternatives.
 
-    What did not settle looks like the likeliest.
+    A cause that did not settle is described by the likeliest.
     """
     mine = [m for m in place.members if m.family == UNKNOWN_FAMILY] if place.settled else list(
         place.members[:1])
@@ -39,7 +39,7 @@ def unknown(what: Told, place: CausePlace) -> UnknownFound:
 
 
 def candidates(what: Told, found: Found, named: bool) -> tuple[Candidate, ...]:
-    """Return every hypothesis, a grid as one, with the probability that it is there."""
+    """Return every hypothesis, a grid as one, with the probability that it is present."""
     last = what.last
     names = {id(p.hypothesis) for p, _ in what.effects} if named else set()
     families = {h.family for p, _ in what.effects for m in p.members for h in what.hypotheses(m)}
@@ -62,21 +62,21 @@ def candidates(what: Told, found: Found, named: bool) -> tuple[Candidate, ...]:
 
 
 def suspected(listed: Sequence[Candidate], verdict: str) -> tuple[Candidate, ...]:
-    """Return what may be there but is too weak to be named."""
+    """Return the candidates that may be present but are too weak to be named."""
     if verdict != "weak":
         return ()
     return tuple(replace(c, status="weak") for c in listed if c.probability >= 1.0 - SURE.value)[:3]
 
 
 def _visibility(stage: Linearisation, h: Hypothesis) -> float:
-    """Return the part of a hypothesis that the geometry of a stage leaves, nan of what it lacks."""
+    """Return the part of a hypothesis that the geometry leaves, nan if not in the library."""
     own = stage.library.hypotheses
     at = nearest(h, own)
     return np.nan if at is None else stage.visibility(own[at].columns)
 
 
 def left(stage: Linearisation, asked: Round) -> LackOfFit:
-    """Return what a stage leaves, and the probability that none of it has an unknown cause."""
+    """Return the lack of fit, with the probability that it has no unknown cause."""
     places = asked.unnamed
     chance = float(np.prod([1.0 - sum(m.probability for m in p.members
                                       if UNKNOWN_FAMILY in m.family) for p in places]))
@@ -84,7 +84,7 @@ def left(stage: Linearisation, asked: Round) -> LackOfFit:
 
 
 def effects(what: Told, stage: Linearisation) -> tuple[NamedEffect, ...]:
-    """Return what has a name, one entry for each effect that was added."""
+    """Return the named effects, one entry for each effect added."""
     out = []
     for place, added in what.effects:
         first, *others = place.members

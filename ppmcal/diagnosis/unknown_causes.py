@@ -1,8 +1,8 @@
-"""What no kind of the library does, as blocks: smooth functions of each recorded input, of time.
+"""Causes not in the library, as blocks: smooth functions of each recorded input and of time.
 
-An unknown cause moves a joint, all joints alike, or the platform as a smooth function of something
-that is recorded: a spline through nodes, whose values have a Matern covariance (5/2). Over time it
-is any slow course, or a walk. Kennedy & O'Hagan 2001; Rasmussen & Williams 2006, 4.2.
+An unknown cause moves a joint, all joints alike, or the platform as a smooth function of a recorded
+input: a spline through nodes, whose values have a Matern covariance (5/2). Over time it is any
+slow drift, or a random walk. Kennedy & O'Hagan 2001; Rasmussen & Williams 2006, 4.2.
 """
 
 from __future__ import annotations
@@ -43,40 +43,40 @@ from ppmcal.model.effects.learned import JOINT, LearnedCurve
 
 FUNCTIONS = (over_volume, of_others, functions_of_each, fine_functions, over_travels, of_pairs,
              of_memories)
-"""What is made of what rows record."""
+"""Generators of causes from recorded inputs."""
 UNKNOWN_FAMILY = "unknown"
-"""The family of what no kind of the library does."""
-TOO_FINE = "a function of travel too fine to be seen"
-PULLS = "what limbs pull against each other, another at each pose"
+"""The family of causes not in the library."""
+TOO_FINE = "a function of travel too fine to resolve"
+PULLS = "limbs pulling against each other, differently at each pose"
 MOST_PLACES = 400
-"""Poses that may have a column each: so many take a third of the time of the rest."""
+"""Most poses with a column each: this many take a third of the time of everything else."""
 MOST_SCATTERED = 800
-"""The same of rows: without it a joint's scatter is a long row of other causes."""
+"""Most rows with a column each: without them a joint's scatter appears as many other causes."""
 ROUND_OFF = 1e-11
-AGAIN = "go to one pose again and again from the same side, and read {} each time"
+AGAIN = "return to one pose repeatedly from the same side, and read {} each time"
 
 
 @dataclass(frozen=True, eq=False)
 class UnknownCause(CauseLook):
-    """One block of columns ``number`` to ``number + width``, and what it looks like."""
+    """One block of ``width`` columns, and its description."""
 
     width: int
     roots: tuple[Array, ...]
     share: float
 
     def block(self, number: int) -> Block:
-        """Return it as a block whose columns begin at a number."""
+        """Return it as a block whose first column has a given number."""
         return Block(self.label, UNKNOWN_FAMILY, tuple(range(number, number + self.width)),
                      float(np.log(float(UNKNOWN) * self.share)), roots=self.roots, low=self.low,
                      high=self.high, form=self.label, subject=self.subject)
 
 
 class UnknownCauses:
-    """All unknown causes that the rows of a system could tell, and their columns.
+    """All unknown causes that the rows of a system could show, and their columns.
 
     Attributes:
         causes: one block each.
-        columns: of all of them (n, T), zero where nothing was observed.
+        columns: of all of them (n, T), zero where not observed.
     """
 
     def __init__(self, system: System, everywhere: Sequence[Setting]) -> None:
@@ -101,7 +101,7 @@ class UnknownCauses:
 
     @cached_property
     def zeros_of_joints(self) -> dict[str, Array]:
-        """What the zero of each joint does, by a metre or a radian (N, m)."""
+        """The column of each joint's zero, per metre or radian (N, m)."""
         names = self.system.problem.mechanism.actuators
         return {name: self._zero(np.arange(len(names)) == a) for a, name in enumerate(names)}
 
@@ -111,7 +111,7 @@ class UnknownCauses:
 
     @cached_property
     def least(self) -> float:
-        """Rms, in sigmas, below which a column is a difference of equals: nothing but round-off."""
+        """Rms, in sigmas, below which a column is only round-off of cancelling terms."""
         return ROUND_OFF * max(float(np.max(np.abs(u))) for u in self.zeros_of_joints.values())
 
     def blocks(self, first: int) -> Iterator[tuple[Block, UnknownCause]]:
@@ -126,7 +126,7 @@ class UnknownCauses:
                        self.system.residual.reshape(-1))
 
     def _cause(self, made: Made, share: float) -> UnknownCause | None:
-        """Return it as a cause, None where its columns are nothing but round-off."""
+        """Return it as a cause, None if its columns are only round-off."""
         gram = made.columns.T @ made.columns
         if not np.isfinite(gram).all() or not np.trace(gram) > self.least**2 * self.system.count:
             return None
@@ -149,8 +149,8 @@ class UnknownCauses:
     def _kernels(self, curve: LearnedCurve, on: Sequence[bool]) -> list[Array]:
         """Return the kernels of a curve's values, by length.
 
-        What one input does by itself, or a direction alone, is a cause of its own: a function of
-        two, or by direction, is what is left of it (functional analysis of variance).
+        The main effect of one input, or of direction, is a separate cause: a function of two, or by
+        direction, is the remaining interaction (functional analysis of variance).
         """
         whole = [matern(curve.nodes, length) for length in LENGTHS]
         if not (curve.by or curve.signed):
@@ -164,11 +164,11 @@ class UnknownCauses:
         return product_kernels(curve.nodes, curve.by_nodes, own[0], own[1])
 
     def _of_places(self) -> Iterator[Made]:
-        """Yield what a joint does at each pose by itself, the same at each visit, or in each row.
+        """Yield a joint's independent errors at each pose, equal at each visit, or in each row.
 
-        At poses that is a function of its travel too fine for its course to be seen, such as a
-        wave of a pitch that nobody listed; in rows a scatter of its own. One number that is not
-        taken twice does not tell it from noise.
+        By pose this is a function of its travel too fine to resolve, such as a wave of an unlisted
+        pitch; by row it is a scatter of its own. Without repeats, a single number per row cannot
+        distinguish it from noise.
         """
         for name, own in self._at_poses.items():
             yield Made(f"{TOO_FINE} acting on {name}", own, subject=name,
@@ -180,20 +180,20 @@ class UnknownCauses:
         rows = self.system.group.size
         if 1 < rows <= MOST_SCATTERED and self.system.count >= 2 * rows:
             for name, own in self._at_each(np.arange(rows)).items():
-                yield Made(f"something that differs from row to row acting on {name}", own,
+                yield Made(f"a scatter from row to row acting on {name}", own,
                            subject=name, remedy=AGAIN.format(name))
 
     def _of_pulls(self) -> Iterator[Made]:
-        """Yield what limbs that pull against each other do at each pose, as friction leaves it.
+        """Yield errors of redundant limbs at each pose, pulling against each other with friction.
 
-        As usual as any kind: in most runs of a router on four belts it is there.
+        As common as any kind: present in most runs of a router on four belts.
         """
         if self._all_at_poses is not None and self.system.problem.mechanism.surplus:
             yield Made(PULLS, self._all_at_poses, together=True)
 
     @cached_property
     def _all_at_poses(self) -> Array | None:
-        """What all joints do at each pose, each by itself; of them at once half as many poses."""
+        """Independent errors of all joints at each pose; for at most half as many poses."""
         each = [*self._at_poses.values()]
         alike = len(set(self.system.problem.mechanism.actuator_quantity)) == 1
         if len(each) < 2 or not alike or 2 * each[0].shape[1] > MOST_PLACES:
@@ -202,23 +202,23 @@ class UnknownCauses:
 
     @cached_property
     def _at_poses(self) -> dict[str, Array]:
-        """What each joint's zero does by itself at each of P poses, none where they are new."""
+        """Columns of each joint's zero at each of P poses, empty if poses are not revisited."""
         group, rows = self.system.group, self.system.group.size
         poses, place = np.unique(group, return_inverse=True)
         again = 1 < poses.size <= MOST_PLACES and 2 * poses.size <= rows
         return self._at_each(place) if again else {}
 
     def _at_each(self, place: Ints) -> dict[str, Array]:
-        """Return what each joint's zero does by itself at each of P places; rows are at (N,)."""
+        """Return columns of each joint's zero at each of P places; ``place``: of each row (N,)."""
         there = np.eye(int(place.max()) + 1)[place][:, None, :]
         return {name: (unit[..., None] * there).reshape(-1, there.shape[-1])
                 for name, unit in self.zeros_of_joints.items()}
 
     def _of_loads(self) -> Iterator[Made]:
-        """Yield what gives way to the load in no way that the library has.
+        """Yield an elastic response to the load that the library does not contain.
 
-        Whatever is elastic answers the joints' loads by lengths of theirs, each load by all of
-        them, and any two each other alike (Maxwell 1864).
+        Any elastic structure responds to the joints' loads by changes of their lengths, each load
+        changing all of them, with a symmetric matrix (Maxwell 1864).
         """
         parts, mechanism = self.system.parts, self.system.problem.mechanism
         loads = [p.setting.load for p in parts]
@@ -233,14 +233,14 @@ class UnknownCauses:
             for j in range(count)] for i in range(count)]
         columns = [answers[i][j] + (answers[j][i] if i != j else 0.0)
                    for i in range(count) for j in range(i, count)]
-        yield Made("something that gives way to the load",
+        yield Made("an elastic response to the load",
                    np.stack([c.reshape(-1) for c in columns], axis=1), together=True,
                    remedy=LOADED)
 
     def _of_references(self) -> Iterator[Made]:
-        """Yield errors of what the machine is measured against.
+        """Yield errors of the measurement reference.
 
-        They are as usual as any kind of effect, and name nothing that the machine has.
+        They are as common as any kind of effect, but are not errors of the machine.
         """
         motion = self.system.problem.mechanism.motion
         for kind in effect_kinds().values():
@@ -250,5 +250,5 @@ class UnknownCauses:
             terms = [kind.evaluate(p.setting, none, values) for p in self.system.parts]
             columns = [self.system.column([t.by[name] for t in terms]) * self.system.observed
                        for name in terms[0].by]
-            yield Made(f"an error of what the machine is measured against ({kind.label})",
+            yield Made(f"an error of the measurement reference ({kind.label})",
                        np.stack([c.reshape(-1) for c in columns], axis=1), remedy=kind.remedy)

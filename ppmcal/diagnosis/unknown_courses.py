@@ -1,7 +1,7 @@
-"""Slow courses of zeros, base and target: from row to row, and in recorded time.
+"""Slow drifts of zeros, base and target: by row number, and in recorded time.
 
-As half waves over the campaign, smooth or a walk; or as what comes to rest after its beginning.
-Kennedy & O'Hagan 2001; ISO 230-3, which lets a machine warm up.
+As half waves over the campaign, smooth or a random walk; or as a start-up transient. Kennedy &
+O'Hagan 2001; ISO 230-3, which lets a machine warm up.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from ppmcal.model.effects.setting import PLACE
 
 ALL_ZEROS = "all zeros"
 WAVES = 24
-"""Half waves of a course in time; of a body, in all coordinates at once, half as many."""
+"""Half waves of a drift in time; for a body, in all coordinates at once, half as many."""
 RESTS = (*FINER, *LENGTHS[:3])
-"""In which parts of a campaign something may come to rest."""
-COURSE = "measure one pose again and again, from the beginning of a campaign to its end"
+"""Time constants of transients, as fractions of a campaign."""
+COURSE = "measure one pose repeatedly, from the beginning of a campaign to its end"
 
 
 def courses_of(system: System, zeros_of_joints: Mapping[str, Array], least: float
                ) -> Iterator[Made]:
-    """Yield slow courses of each joint, of all alike and each its own, of base and target.
+    """Yield slow drifts of each joint, of all joints equally and individually, of base and target.
 
-    ``zeros_of_joints``: what each joint's does (N, m), by a metre or a radian; ``least``: rms, in
-    sigmas, below which a column is nothing but round-off.
+    ``zeros_of_joints``: column of each joint's zero (N, m), per metre or radian; ``least``: rms, in
+    sigmas, below which a column is only round-off.
     """
     if np.unique(_rows(system)).size < WAVES:
         return
@@ -38,7 +38,7 @@ def courses_of(system: System, zeros_of_joints: Mapping[str, Array], least: floa
     for when, place in places_in(system).items():
         for name, subject, units in moving:
             for label, course, kernels in (
-                    (f"a slow course{when} of {name}",
+                    (f"a slow drift{when} of {name}",
                      *_waves(place, WAVES // (1 + (len(units) > 1)))),
                     (f"a start-up transient{when} of {name}", *_decays(place))):
                 columns = np.concatenate([(u[..., None] * course[:, None, :]).reshape(
@@ -49,19 +49,19 @@ def courses_of(system: System, zeros_of_joints: Mapping[str, Array], least: floa
 
 
 def _waves(place: Array, count: int) -> tuple[Array, list[Array]]:
-    """Return half waves of where rows are (N, K), and kernels (K, K)."""
+    """Return half waves of the rows' places in the campaign (N, K), and kernels (K, K)."""
     wave = np.pi * np.arange(1.0, count + 1.0)
     return np.cos(place[:, None] * wave), courses(wave)
 
 
 def _decays(place: Array) -> tuple[Array, list[Array]]:
-    """Return decays of where rows are (N, K), and kernels (K, K): of one of them, or of all."""
+    """Return decays at the rows' places (N, K), and kernels (K, K): for all, and for each."""
     one = np.eye(len(RESTS))
     return np.exp(-place[:, None] / np.array(RESTS)), [one, *map(np.diag, one)]
 
 
 def places_in(system: System) -> dict[str, Array]:
-    """Return where each row is in the campaign (N,), 0 to 1: from row to row, and in time."""
+    """Return each row's place in the campaign (N,), 0 to 1: by row number, and in time."""
     rows = _rows(system)
     order = np.argsort(np.argsort(rows, kind="stable"), kind="stable")
     rank = order / max(order.size - 1.0, 1.0)
@@ -75,7 +75,7 @@ def places_in(system: System) -> dict[str, Array]:
 
 
 def time_in(system: System) -> Array:
-    """Return where each row is in the campaign (N,), 0 to 1: in recorded time, or by its number."""
+    """Return each row's place in the campaign (N,), 0 to 1: in time if recorded, or by number."""
     return list(places_in(system).values())[-1]
 
 
@@ -84,21 +84,21 @@ def _rows(system: System) -> Array:
 
 
 Moving = tuple[str, str, list[Array]]
-"""What wanders: in words, what that acts on, and its columns (N, m)."""
+"""Something that drifts: its description, what it acts on, and its columns (N, m)."""
 
 
 def _joints(system: System, zeros: Mapping[str, Array]) -> Iterator[Moving]:
-    """Yield the zeros of joints, by a metre or a radian."""
+    """Yield the zeros of joints, per metre or radian."""
     yield from ((f"the zero of {name}", name, [unit]) for name, unit in zeros.items())
     if len(zeros) > 1:
         each = list(zeros.values())
         if len(set(system.problem.mechanism.actuator_quantity)) == 1:
             yield ALL_ZEROS, " ".join(zeros), [np.sum(each, axis=0)]
-        yield "the zero of each joint, each its own", EACH, each
+        yield "the zero of each joint individually", EACH, each
 
 
 def _bodies(system: System, least: float) -> Iterator[Moving]:
-    """Yield base and target, by one sigma of each coordinate, and the base's coordinates."""
+    """Yield base and target, with coordinates scaled to one sigma, and each base coordinate."""
     free = system.problem.mechanism.motion.frame_coordinates
     for body in ("base", "target"):
         units = [system.column([_moved(body, c, len(p.response.pose)) for p in system.parts])

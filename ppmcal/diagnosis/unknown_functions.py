@@ -1,4 +1,4 @@
-"""Functions of what is recorded that no learned term has: of places, payload, wrench, other joints.
+"""Functions of recorded inputs beyond learned terms: of place, payload, wrench, other joints.
 
 As blocks of columns with the covariance of their coefficients, for :mod:`unknown_causes`.
 """
@@ -29,24 +29,24 @@ from ppmcal.model.effects.learned import INPUTS, JOINT, LearnedCurve
 from ppmcal.model.effects.learned_curve import spline_basis
 from ppmcal.model.effects.setting import PLACE
 
-GAUGE = ("measure a gauge of known length at several places of the workspace: it tells an error of "
-         "the instrument from one of the machine")
+GAUGE = ("measure a gauge of known length at several places in the workspace: it separates errors "
+         "of the instrument from those of the machine")
 EACH = "each joint"
-"""What causes act on that all joints have, each an amount or a course of its own."""
+"""Subject of causes that act on all joints, with a separate amount or function for each."""
 FINEST = 128
-"""Nodes over the travel of a joint of a function that is finer than a learned one."""
-LOADED = "at one pose, indicate it while the load is put on and taken off"
-ALONE = "move {} alone in fine steps, and indicate {}"
+"""Nodes over a joint's travel for a function finer than a learned one."""
+LOADED = "at one pose, measure it with an indicator while the load is applied and removed"
+ALONE = "move {} alone in fine steps, and measure {} with an indicator"
 
 
 @dataclass(frozen=True, eq=False)
 class CauseLook:
-    """What an unknown cause looks like.
+    """The description of an unknown cause.
 
-    ``curve``, ``on``: the learned term that it would be, None where it is not a function of an
-    input. ``subject``: what it acts on, on which another look of one thing is more usual.
-    ``remedy``: what to measure to tell it from others. ``low``, ``high``: between which its
-    coefficients are.
+    ``curve``, ``on``: the corresponding learned term, None if it is not a function of an input.
+    ``subject``: what it acts on; a further form of one cause there has a higher prior.
+    ``remedy``: what to measure to distinguish it from others. ``low``, ``high``: bounds of its
+    coefficients.
     """
 
     label: str
@@ -60,11 +60,11 @@ class CauseLook:
 
 @dataclass(frozen=True, eq=False)
 class Made(CauseLook):
-    """Columns (n, K) that may be one cause.
+    """Columns (n, K) of a possible cause.
 
-    ``kernels`` (K, K): of what its coefficients are, by length; none: each by itself, all of one
-    size. ``together``: whether it acts on several joints at once. ``usual``: how usual it is beside
-    one that goes with no direction and no second input.
+    ``kernels`` (K, K): prior covariances of its coefficients, by length; none: independent, of one
+    size. ``together``: whether it acts on several joints at once. ``usual``: its prior relative to
+    that of a cause without a direction or a second input.
     """
 
     columns: Array
@@ -74,7 +74,7 @@ class Made(CauseLook):
 
     @property
     def look(self) -> dict[str, Any]:
-        """What it looks like, without its columns."""
+        """Its description, without the columns."""
         return {f.name: getattr(self, f.name) for f in fields(CauseLook)}
 
     def roots(self, gram: Array, count: int) -> tuple[Array, ...]:
@@ -86,7 +86,7 @@ class Made(CauseLook):
 class Acted:
     """What an unknown cause acts on: joints ``on``, or a coordinate of the pose.
 
-    ``words``: which; ``acts``: a coordinate or :data:`JOINT`, as of a curve.
+    ``words``: its name; ``acts``: a coordinate or :data:`JOINT`, as for a curve.
     """
 
     words: str
@@ -100,35 +100,35 @@ class Acted:
 
     def made(self, seen: Visible, what: str, weights: Sequence[Array], kernels: Sequence[Array],
              **look: Any) -> Made:
-        """Return ``what`` acts on it, of functions whose ``weights`` are by part of the system."""
+        """Return the cause ``what`` acting on it, with functions' ``weights`` by system part."""
         return Made(f"{what} acting on {self.words}",
                     columns_from(seen, self.acts, self.on, weights), kernels, self.together,
                     subject=self.words, **look)
 
 
 def joints(seen: Visible) -> list[Acted]:
-    """Return each joint, and all of them if they are alike."""
+    """Return each joint, and all of them if of one quantity."""
     mechanism = seen.system.problem.mechanism
     return [Acted(" ".join(compress(mechanism.actuators, on)), JOINT, on)
             for on in joint_groups(mechanism)]
 
 
 def coordinates(seen: Visible) -> list[Acted]:
-    """Return the coordinates of the pose that rows see by themselves."""
+    """Return the coordinates of the pose that rows observe directly."""
     return [Acted(c, c) for c in seen.coordinates]
 
 
 def told(seen: Visible) -> list[str]:
-    """Return the coordinates that are more than residuals: what may be a function of them."""
+    """Return the coordinates that vary by more than residuals, so that they can be inputs."""
     return [c for c in seen.system.problem.mechanism.coordinates
             if c not in seen.residual_coordinates]
 
 
 def fine_functions(seen: Visible) -> Iterator[Made]:
-    """Yield functions of a joint's travel that are finer than those that are learned.
+    """Yield functions of a joint's travel that are finer than learned ones.
 
-    Such as a wave whose pitch changes along the stroke. A term with so many nodes would not be
-    known in most places.
+    Such as a wave whose pitch changes along the stroke. A learned term with so many nodes would be
+    undetermined in most places.
     """
     travel = [p.setting.travel for p in seen.system.parts]
     for acted in joints(seen):
@@ -144,10 +144,10 @@ def fine_functions(seen: Visible) -> Iterator[Made]:
 
 
 def functions_of_each(seen: Visible) -> Iterator[Made]:
-    """Yield functions that all joints have, each its own, of what is recorded.
+    """Yield functions of recorded inputs for all joints, with a separate function for each.
 
-    As effects that all joints have, each by an amount of its own: what one joint has, all have in
-    half of the machines.
+    The counterpart of effects with a separate size for each joint: in half of the machines all
+    joints have what one joint has.
     """
     rows = [p.setting for p in seen.system.parts]
     yield from _of_each(seen, "its own travel", [s.travel for s in rows], FINE)
@@ -158,7 +158,7 @@ def functions_of_each(seen: Visible) -> Iterator[Made]:
 
 
 def _of_each(seen: Visible, name: str, x: Sequence[Array], most: int) -> Iterator[Made]:
-    """Yield the functions of what is known of each row and joint (N, k), by part."""
+    """Yield the functions of an input given by row and joint (N, k), by part."""
     mechanism = seen.system.problem.mechanism
     every, columns, kernels = np.concatenate(x), [], []
     for on in joint_groups(mechanism)[:every.shape[1]]:
@@ -169,17 +169,17 @@ def _of_each(seen: Visible, name: str, x: Sequence[Array], most: int) -> Iterato
         columns.append(columns_from(seen, JOINT, on, [spline_basis(nodes, part) for part in x]))
         kernels.append([matern(nodes, length) for length in LENGTHS])
     if len(columns) > 1:
-        yield Made(f"a function of {name} acting on each joint, each its own",
+        yield Made(f"a function of {name} acting on each joint individually",
                    np.concatenate(columns, axis=1),
                    [linalg.block_diagonal(some) for some in zip(*kernels, strict=True)], True,
                    subject=EACH)
 
 
 def over_volume(seen: Visible) -> Iterator[Made]:
-    """Yield errors of each coordinate that bend smoothly over the volume, as a lens' do.
+    """Yield errors of each coordinate that vary smoothly over the volume, like those of a lens.
 
-    Second powers of all coordinates, third powers of the position's; what is linear in them is
-    scale, turn and skew.
+    Second powers of all coordinates, third powers of the position; linear terms are scale, rotation
+    and skew.
     """
     values = where_it_is(seen)
     places = np.compress([PLACE[c] < 3 for c in told(seen)], values, axis=1)
@@ -190,20 +190,20 @@ def over_volume(seen: Visible) -> Iterator[Made]:
 
 
 def where_it_is(seen: Visible) -> Array:
-    """Return the coordinates that are more than residuals (N, c), of all parts."""
+    """Return the coordinates that vary by more than residuals (N, c), of all parts."""
     return np.concatenate([np.reshape([INPUTS[c].value(p.setting) for c in told(seen)],
                                       (-1, p.setting.time.size)).T for p in seen.system.parts])
 
 
 def by_part(seen: Visible, values: Array) -> list[Array]:
-    """Return values of all rows by part of the system."""
+    """Return values of all rows split by part of the system."""
     return np.split(values, np.cumsum([p.setting.time.size for p in seen.system.parts])[:-1])
 
 
 def over_travels(seen: Visible) -> Iterator[Made]:
-    """Yield errors of each joint that bend smoothly with the travels of all of them at once.
+    """Yield errors of each joint that vary smoothly with the travels of all joints at once.
 
-    Second and third powers; what is linear in them is told by each travel.
+    Second and third powers; linear terms are covered by the functions of each travel.
     """
     travel = np.concatenate([p.setting.travel for p in seen.system.parts])
     powers = np.concatenate([bends(travel, degree) for degree in (2, 3)], axis=1)
@@ -214,9 +214,9 @@ def over_travels(seen: Visible) -> Iterator[Made]:
 
 
 def of_others(seen: Visible) -> Iterator[Made]:
-    """Yield functions of what the library knows by the joints' loads, and of other joints.
+    """Yield functions of payload and wrench, which the library uses as joint loads, and of joints.
 
-    What is carried may move anything, and a drive what its neighbour does.
+    A payload may move anything, and a drive may move its neighbour.
     """
     every = [*joints(seen), *coordinates(seen)]
     rows = [p.setting for p in seen.system.parts]
@@ -231,9 +231,9 @@ def of_others(seen: Visible) -> Iterator[Made]:
 
 def functions_of(seen: Visible, name: str, x: Sequence[Array],
                  acted: Sequence[Acted], remedy: str = "") -> Iterator[Made]:
-    """Yield functions of what is known of each row (N,), by part, acting on each of some things.
+    """Yield functions of an input given by row (N,), by part, acting on each of ``acted``.
 
-    ``remedy``: as of a cause.
+    ``remedy``: see :class:`CauseLook`.
     """
     values = np.concatenate(x)
     nodes = nodes_over(values, values, COARSE, fewest=2, margin=0.0)
@@ -251,6 +251,6 @@ def carried(rows: Setting) -> Array:
 
 
 def applied(component: int, rows: Setting) -> Array:
-    """Return a component of the wrench on the platform (N,) beside the weight of its payload."""
+    """Return a component of the wrench on the platform (N,) without the weight of its payload."""
     own = rows.wrench[:, component]
     return own - rows.weight[:, component] if component < 3 else own

@@ -1,6 +1,6 @@
-"""Traces of what was before that fade from row to row: of ways, of warmth, of payload.
+"""Fading traces of earlier rows: of moves, temperature and payload.
 
-A screw that its own moves heat, a stand that follows the hall's warmth hours later.
+Such as a screw heated by its own moves, or a stand that lags hours behind the hall's temperature.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from ppmcal.diagnosis.unknown_ways import at_rows
 from ppmcal.linalg import Array
 
 FADES = (2.0, 5.0, 12.0, 30.0)
-"""Rows within which a trace fades to a third."""
+"""Numbers of rows within which a trace fades to a third."""
 
 
 def of_memories(seen: Visible) -> Iterator[Made]:
-    """Yield fading traces acting on joints, on all alike or each its own, and on coordinates.
+    """Yield fading traces acting on joints, all equally or individually, and on coordinates.
 
-    Of the ways of each joint and of all, of the temperature and of the payload, where they vary.
+    Of the moves of each joint and of all, of the temperature and of the payload, if they vary.
     """
     sets, rows = seen.system.problem.datasets, seen.system.problem.environments
     ways = [np.abs(np.diff(d.q, axis=0, prepend=d.q[:1])) for d in sets]
@@ -37,7 +37,7 @@ def of_memories(seen: Visible) -> Iterator[Made]:
 
 def _traces(seen: Visible, name: str, before: Sequence[Array], acted: Sequence[Acted]
             ) -> Iterator[Made]:
-    """Yield traces of what was before (N,), or by joint (N, k), by data set; all fade as fast."""
+    """Yield traces of values (N,), or by joint (N, k), by data set; all fade at one rate."""
     every = np.concatenate(before)
     if not (np.isfinite(every).all() and np.all(np.ptp(every, axis=0) > 0.0)):
         return
@@ -48,14 +48,14 @@ def _traces(seen: Visible, name: str, before: Sequence[Array], acted: Sequence[A
     single = [m.columns for m, a in zip(each, acted, strict=True) if a.on and not a.together]
     yield from each[:len(single)]
     if len(single) > 1:
-        yield Made(f"{what} acting on each joint, each its own", np.concatenate(single, axis=1), [
+        yield Made(f"{what} acting on each joint individually", np.concatenate(single, axis=1), [
             linalg.block_diagonal([k] * len(single)) for k in one_fades], True, subject=EACH,
             remedy=COURSE)
     yield from each[len(single):]
 
 
 def _faded(before: Array) -> Array:
-    """Return traces (..., F) of what was in each row (N,) or (N, k), of one sigma each."""
+    """Return traces (..., F) of values in each row (N,) or (N, k), scaled to one sigma each."""
     own = before.reshape(len(before), -1)
     out = np.stack([linalg.fading_sum(own - own.mean(axis=0), float(np.exp(-1.0 / rows)))
                     for rows in FADES], axis=-1)

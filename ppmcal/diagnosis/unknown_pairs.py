@@ -1,7 +1,7 @@
-"""Functions of two things that are recorded, which no learned term has: of time, payload, places.
+"""Functions of two recorded inputs beyond learned terms: of time, payload, place.
 
-A joint or an instrument may do under load, or far out, another thing late than early. What each
-input does by itself is a cause of its own (functional analysis of variance).
+The error of a joint or an instrument under load, or far out, may change over time. The main effect
+of each input is a separate cause (functional analysis of variance).
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from ppmcal.model.effects.learned_curve import spline_basis
 
 @dataclass(frozen=True, eq=False)
 class PairInput:
-    """Something recorded: its values (N,), or by joint (N, k), by part of the system.
+    """A recorded input: its values (N,), or by joint (N, k), by part of the system.
 
-    ``remedy``: what to measure where something goes with it.
+    ``remedy``: what to measure if something depends on it.
     """
 
     name: str
@@ -48,13 +48,13 @@ class PairInput:
         return None if nodes is None else (nodes, [spline_basis(nodes, x) for x in self.values])
 
     def of(self, on: Sequence[bool]) -> Array:
-        """Return all values of the joints that act, (N,) or (N k,)."""
+        """Return all values for the joints ``on``, (N,) or (N k,)."""
         return np.concatenate([x if x.ndim == 1 else x[:, np.array(on)].ravel()
                                for x in self.values])
 
 
 def of_pairs(seen: Visible) -> Iterator[Made]:
-    """Yield functions of two inputs acting on joints and coordinates, and places' by conditions."""
+    """Yield functions of two inputs acting on joints and coordinates, and of place by condition."""
     rows = [p.setting for p in seen.system.parts]
     when = time_in(seen.system)
     conditions = [c for c in (
@@ -66,7 +66,7 @@ def of_pairs(seen: Visible) -> Iterator[Made]:
     for first, second in combinations(conditions, 2):
         yield from _of_two(seen, first, second, [*joints(seen), *measured])
     for second in conditions:
-        if second.name != "temperature":        # which a learned term has
+        if second.name != "temperature":        # which a learned term covers
             yield from _of_two(seen, travel, second, joints(seen))
         yield from _over_places(seen, second, measured)
 
@@ -78,7 +78,7 @@ def _varies(recorded: PairInput) -> bool:
 
 def _of_two(seen: Visible, first: PairInput, second: PairInput, acted: Sequence[Acted]
             ) -> Iterator[Made]:
-    """Yield functions of two inputs, acting on each of some things."""
+    """Yield functions of two inputs, acting on each of ``acted``."""
     for where in acted:
         x, y = first.of(where.on), second.of(where.on)
         one, two = first.basis(PAIRED[0], x), second.basis(PAIRED[1], y)
@@ -98,10 +98,7 @@ def _products(first: Array, second: Array) -> Array:
 
 
 def _over_places(seen: Visible, condition: PairInput, acted: Sequence[Acted]) -> Iterator[Made]:
-    """Yield errors of a coordinate that are linear in places, by another amount as it was.
-
-    ``condition``: how it was.
-    """
+    """Yield errors of a coordinate that are linear in place, with condition-dependent slopes."""
     values = np.concatenate(condition.values)
     found, where = condition.basis(PAIRED[0], values), bends(where_it_is(seen), 1)
     if found is None or not where.size:

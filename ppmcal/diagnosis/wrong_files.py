@@ -1,4 +1,4 @@
-"""Files none of whose rows belongs: they are asked for as causes are, and then left out."""
+"""Files that are outliers as a whole: they are inferred like causes, and then left out."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from ppmcal.diagnosis.explanation import Round
 from ppmcal.diagnosis.question import FILE_FAMILY
 from ppmcal.inference.priors import SURE
 
-REASON = "none of the file's rows goes with the other files: of another machine, or misread"
+REASON = "the whole file contradicts the other files: it is of another machine, or misread"
 
 
 def wrong_files(asked: Round) -> frozenset[str]:
-    """Return the names of the files that surely do not belong."""
+    """Return the names of the files that are almost certainly outliers."""
     blocks, answer = asked.asked.question.blocks, asked.answer
     return frozenset(blocks[i].name for i in answer.best.chosen if blocks[i].family == FILE_FAMILY
                      and answer.probability[i] > SURE.value)
 
 
 def without(problem: Problem, names: Container[str]) -> Problem:
-    """Return a problem in which no row of some files is used."""
+    """Return a problem in which no row of the named files is used."""
     return replace(problem, datasets=tuple(
         d.without(np.ones(len(d), dtype=bool), REASON) if d.name in names else d
         for d in problem.datasets))

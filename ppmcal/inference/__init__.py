@@ -1,1 +1,1 @@
-"""Is it in the data, given the rest? One linear-Gaussian evidence; it knows arrays only."""
+"""Is it in the data, given the rest? One linear-Gaussian evidence, on plain arrays."""

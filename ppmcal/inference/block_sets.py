@@ -1,4 +1,4 @@
-"""A set of blocks as it is in the data, for every correlation of the noise."""
+"""The evidence of a set of blocks, for every correlation of the noise."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from ppmcal.inference.ranges import LEAST, all_between, usual
 from ppmcal.linalg import Array
 
 NEGLIGIBLE = 14.0
-"""Sets less likely than the best by this logarithm are not counted: less than one in a million."""
+"""Sets whose log probability is lower than the best by more are ignored: below one in a million."""
 
 ROUNDS = 3
-"""Causes, and sizes of rows beside them, are found in turns, at most so often."""
+"""Maximum alternations between finding the sizes of causes and of outlying rows."""
 
 Numbers = frozenset[int]
-"""A set of blocks, by their numbers."""
+"""A set of blocks, by number."""
 
 
 @dataclass(frozen=True, eq=False)
 class BlockSet:
-    """A set of blocks as it is in the data.
+    """A set of blocks with its evidence.
 
-    ``views``: for each correlation that is likely its number, log p and sizes of the causes, as if
-    what they need were there; ``log_p``: -inf where it is not. ``rows``: those that do not belong.
+    ``views``: for each probable correlation its number, log p and sizes of the causes, assuming
+    that all required blocks are present; ``log_p``: -inf if they are not. ``rows``: the outliers.
     """
 
     question: Question
@@ -45,18 +45,18 @@ class BlockSet:
 
     @property
     def causes(self) -> tuple[int, ...]:
-        """Those that are not rows."""
+        """The blocks that are not rows."""
         return self.question.apart_from_rows(self.chosen)[0]
 
     @property
     def likeliest(self) -> tuple[int, float, JointBlocks]:
-        """The likeliest of the views."""
+        """The most probable of the views."""
         return max(self.views, key=lambda view: view[1])
 
     def about_without(self, cause: int) -> float:
-        """Return log p without a cause, the others at the sizes that they have: hardly less.
+        """Return log p without a cause, with the others at their present sizes: nearly exact.
 
-        But for rows that do not belong, whose sizes may be chosen anew, and what leans on it.
+        Except for outlying rows, whose sizes may change, and blocks that require the cause.
         """
         k, question = self.causes.index(cause), self.question
         prior = question.log_prior(i for i in self.chosen if i != cause) + sum(
@@ -66,11 +66,11 @@ class BlockSet:
 
     @property
     def scored(self) -> bool:
-        """Whether scores are known, as far as they were asked for."""
+        """Whether any scores have been computed."""
         return bool(self._known)
 
     def given(self, n: int, found: JointBlocks, but: int | None = None) -> Conditioned:
-        """Return what the values are past the set, for the n-th correlation; ``but``: one cause."""
+        """Return the data conditioned on the set, for the n-th correlation; ``but``: one cause."""
         view, sizes = self.question.views[n], {i: row.size for i, row in self.rows.items()}
         taken = [k for k, i in enumerate(self.causes) if i != but]
         return view.taking(sizes).taking(taken_blocks(
@@ -79,14 +79,14 @@ class BlockSet:
 
     @property
     def scores(self) -> Array:
-        """Log p of the set with each block more (B,); -inf for those that are in it.
+        """Log p of the set with each block added (B,); -inf for blocks already in it.
 
-        And for those with which something that is needed is not there.
+        Also -inf for blocks with which a required block is missing.
         """
         return self.scores_above(-np.inf)
 
     def scores_above(self, least: float) -> Array:
-        """Return the scores (B,) that are more than ``least``; for others something that is not."""
+        """Return the scores (B,) above ``least``; others only as some value not above it."""
         if not any(bound <= least for bound, _ in self._known):
             self._known.append((least, self._scores_above(least)))
         return self._known[-1][1]
@@ -105,7 +105,7 @@ class BlockSet:
         out[asked] = (more + linalg.logsumexp(
             [log_p + odds_of_some(own, asked) for log_p, own in every], axis=0))[asked]
         rows = {i: row.size for i, row in self.rows.items()}
-        for i in question.with_ratio:       # whose size is bounded by the other's
+        for i in question.with_ratio:       # sizes bounded by that of another block
             if out[i] > self.log_p - NEGLIGIBLE:
                 out[i] = state(question, (*self.chosen, i), [n for n, _, _ in self.views],
                                rows=rows).log_p
@@ -115,17 +115,17 @@ class BlockSet:
 def state(question: Question, chosen: Sequence[int], likely: Sequence[int] = (),
           near: Mapping[int, tuple[int, int]] | None = None,
           rows: Mapping[int, int] | None = None) -> BlockSet:
-    """Return a set of blocks in the data.
+    """Return a set of blocks with its evidence.
 
-    Smaller correlations than those that are likely with it are kept too: with one block more in the
-    data, less is left that goes on from row to row.
+    Correlations smaller than the probable ones are kept too: with one more block, less correlated
+    error remains.
 
     Args:
-        question: what may be there.
+        question: the possible blocks.
         chosen: numbers of the blocks.
         likely: numbers of the correlations, default all.
-        near: of each cause's size and root, from which the search for the likeliest starts.
-        rows: numbers of sizes of rows that do not belong, as far as some are known.
+        near: numbers of each cause's size and root at which the search starts.
+        rows: numbers of sizes of outlying rows, as far as known.
     """
     causes, out = question.apart_from_rows(chosen)
     start = [(near or {}).get(i) for i in causes]
@@ -150,9 +150,9 @@ def state(question: Question, chosen: Sequence[int], likely: Sequence[int] = (),
 
 @dataclass(frozen=True, eq=False)
 class _Few:
-    """What the data say of the columns of a set alone: blocks with numbers and roots of their own.
+    """The data reduced to the columns of a set: blocks renumbered, with their own roots.
 
-    ``causes`` in their order, ``rows`` by their numbers in the question.
+    ``causes`` in order, ``rows`` by their numbers in the question.
     """
 
     given: Conditioned
@@ -172,14 +172,14 @@ class _Few:
                    dict(zip(rows, own[len(causes):], strict=True)))
 
     def without(self, sizes: Mapping[int, int]) -> Conditioned:
-        """Return the data with the rows taken, at the numbers of their sizes."""
+        """Return the data conditioned on the rows, at the numbers of their sizes."""
         return self.given.taking(taken_blocks(
             self.given, list(self.rows.values()), [sizes[i] for i in self.rows]))
 
     def in_ratio(self, found: JointBlocks) -> float:
-        """Return how much likelier causes are since what leans on another keeps its ratio to that.
+        """Return the log evidence gained because dependent causes keep their ratio to another.
 
-        The other one at its mean, what leans keeps within ends, as it does beforehand.
+        With the other cause at its mean: posterior over prior probability of being within bounds.
         """
         out = 0.0
         for block, value, sigma in zip(self.causes, found.values, found.sigmas, strict=True):
@@ -190,7 +190,7 @@ class _Few:
                 k = low.size
                 inside = float(all_between(self.given.freedom, low - value[:k], high - value[:k],
                                            sigma[:k]))
-                if inside <= np.log(LEAST):     # what is so far out that no number tells it
+                if inside <= np.log(LEAST):     # too far out to be represented
                     return -np.inf
                 out += inside - float(usual(np.array(block.roots), low, high,
                                             self.given.known))
@@ -198,9 +198,9 @@ class _Few:
 
     def sized(self, start: Sequence[tuple[int, int] | None], near: Mapping[int, int]
               ) -> dict[int, RowSize]:
-        """Return rows at sizes that are likely beside the causes.
+        """Return rows at sizes that are probable given the causes.
 
-        What is noise without the causes hides how large the errors of rows are.
+        Without the causes, their effect counts as noise and hides the size of row errors.
         """
         if not self.rows:
             return {}

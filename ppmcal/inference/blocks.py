@@ -1,4 +1,4 @@
-"""Blocks of columns that may be in the data, and what is believed of them before."""
+"""Blocks of columns that may be in the data, with their priors."""
 
 from __future__ import annotations
 
@@ -21,28 +21,29 @@ class Block:
     """Columns that act together, b = s R z with z standard normal.
 
     Attributes:
-        name: for people.
-        family: the cause that it stands for; what is distinguished.
+        name: readable.
+        family: the cause that it represents, the unit of distinction.
         columns: their numbers, k of them.
-        roots: one R (k, q) for each value of what lies on a grid, such that R z makes one sigma
-            rms; empty: of each column alone, scaled so.
+        roots: one R (k, q) for each grid value, scaled so that R z makes one sigma rms; empty: each
+            column by itself, so scaled.
         log_prior: logarithm of its prior probability.
-        low, high: between which the coefficients are, of all columns or of each; those of starts
-            may be anything.
-        group: what one thing does share it, events of one kind at one place, errors of one sort in
-            several limbs: one more of them costs less than another cause; empty: it is by itself.
-        subject: what one thing that nobody listed acts on: another look of it costs less than
-            another cause; empty: it is by itself.
-        form: what it looks like, where a family has several that differ much; empty: one.
-        starts: of its last columns, one each, the number of the column whose coefficient, times
-            a standard normal, theirs is: what a memory was before the first row.
-        least: rms, in sigmas, below which a column is nothing but round-off.
-        where: on what it acts; the same cause elsewhere is another answer.
-        gives, needs: a block with ``needs`` can only be there beside one that ``gives`` the same.
-        reads: recorded inputs that it takes, ``way``: as what, empty: as they were read. No set
-            takes one input in two ways.
-        ratio: of what needs another, between which its coefficients are over the mean of that
-            other's; empty: anything.
+        low, high: bounds of the coefficients, for all columns or for each; those of starts are
+            unbounded.
+        group: shared by blocks that often occur together, such as events of one kind at one place
+            or errors of one sort in several limbs: a further one costs less than a separate cause;
+            empty: none.
+        subject: what an unlisted cause acts on: a further form of it there costs less than a
+            separate cause; empty: none.
+        form: its shape, if a family has several very different ones; empty: one.
+        starts: for each of its last columns, the number of the column whose coefficient, times a
+            standard normal, is its own: the state of a memory before the first row.
+        least: rms, in sigmas, below which a column is only round-off.
+        where: what it acts on; the same cause elsewhere is another answer.
+        gives, needs: a block with ``needs`` requires one in the set that ``gives`` the same.
+        reads: recorded inputs that it uses; ``way``: their interpretation, empty: as read. No set
+            interprets one input in two ways.
+        ratio: for a block with ``needs``, bounds of its coefficients over the mean of the other's;
+            empty: none.
     """
 
     name: str
@@ -65,15 +66,15 @@ class Block:
     ratio: tuple[tuple[float, float], ...] = ()
 
     def own_roots(self, gram: Array, count: int) -> tuple[Array, ...]:
-        """Return its roots, or that of each column alone; ``gram`` (k, k) of its own columns.
+        """Return its roots, or the default of independent columns; ``gram`` (k, k): of its columns.
 
-        ``count``: how many values were measured.
+        ``count``: number of measured values.
         """
         return self.roots or (scaled_root(gram, count, self.starts, self.least),)
 
     @cached_property
     def ends(self) -> tuple[Array, Array]:
-        """Between which each coefficient is (k,) and (k,)."""
+        """Lower and upper bounds of each coefficient, (k,) and (k,)."""
         free = np.full(len(self.starts), np.inf)
         own = (len(self.columns) - free.size,)
         return (np.concatenate([np.broadcast_to(self.low, own), -free]),
@@ -82,11 +83,11 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """B blocks of the same shape, so that they are asked together.
+    """B blocks of the same shape, evaluated together.
 
     ``which`` (B,) numbers of the blocks; ``columns`` (B, k); ``gram`` (B, k, k) inner products of
     their raw columns; ``roots`` (B, G, k, q); ``low``, ``high`` (B, k);
-    ``known``: degrees of freedom of the noise's prior.
+    ``known``: degrees of freedom of the noise prior.
     """
 
     which: Ints
@@ -99,12 +100,12 @@ class Batch:
 
     @cached_property
     def usual(self) -> Array:
-        """Log prior probability that coefficients are where they may be (B,)."""
+        """Log prior probability that coefficients are within their bounds (B,)."""
         return usual(self.roots, self.low, self.high, self.known)
 
     @cached_property
     def bounded(self) -> Bools:
-        """Whether any coefficient of each block has a sign or a range (B,)."""
+        """Whether any coefficient of each block has a bound (B,)."""
         return np.asarray((np.isfinite(self.low) | np.isfinite(self.high)).any(axis=1))
 
 
@@ -112,9 +113,8 @@ def scaled_root(gram: Array, count: int, starts: Sequence[int] = (),
                 least: Array | float = 0.0) -> Array:
     """Return the root (..., k, k) that gives each column one sigma rms over ``count`` values.
 
-    ``gram`` (..., k, k): inner products; a column of nothing stays nothing. ``starts``: of the last
-    columns those whose coefficients, times standard normal ones, theirs are. ``least`` (...): rms
-    below which a column is nothing but round-off.
+    ``gram`` (..., k, k): inner products; a zero column stays zero. ``starts``: see :class:`Block`.
+    ``least`` (...): rms below which a column is only round-off.
     """
     own = gram.shape[-1] - len(starts)
     square = np.diagonal(gram, axis1=-2, axis2=-1)[..., :own]
@@ -126,12 +126,12 @@ def scaled_root(gram: Array, count: int, starts: Sequence[int] = (),
 
 
 CHUNK = 512
-"""Columns that are made at a time."""
+"""Columns computed at a time."""
 
 
 def batches(blocks: Sequence[Block], columns: ColumnSource, count: int,
             known: float = float(NOISE_FREEDOM)) -> list[Batch]:
-    """Return blocks as batches of one shape; ``count``: number n of values; ``known``: of noise."""
+    """Return blocks in batches of one shape; ``count``: number of values; ``known``: of a batch."""
     alike: dict[tuple[object, ...], list[int]] = defaultdict(list)
     for i, b in enumerate(blocks):
         roots = (len(b.roots), *b.roots[0].shape) if b.roots else b.starts

@@ -1,4 +1,4 @@
-"""Columns that evidence is asked of: what they are stays with those who made them."""
+"""Columns of the evidence: an interface that leaves their storage to those who make them."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ import numpy as np
 from ppmcal.linalg import Array, Ints
 
 KEPT = 2**23
-"""Numbers of columns that are kept: 64 MB."""
+"""Cached entries of columns: 64 MB."""
 
 
 class ColumnSource(Protocol):
-    """Columns (T) of n white values each."""
+    """Columns (T) of n whitened values each."""
 
     @property
     def count(self) -> int:
-        """How many there are, T."""
+        """Number of columns T."""
 
     def along(self, values: Array) -> Array:
         """Return the inner products (T, b) of all columns with values (n, b)."""
 
     def some(self, which: Sequence[int]) -> Array:
-        """Return the columns (n, k) of these numbers."""
+        """Return the columns (n, k) with these indices."""
 
 
 @dataclass(frozen=True, eq=False)
 class MatrixColumns:
-    """Columns that stand in a matrix (n, T)."""
+    """Columns of a matrix (n, T)."""
 
     values: Array
 
     @property
     def count(self) -> int:
-        """How many columns there are."""
+        """Number of columns."""
         return int(self.values.shape[1])
 
     def along(self, values: Array) -> Array:
@@ -45,13 +45,13 @@ class MatrixColumns:
         return np.asarray(self.values.T @ values)
 
     def some(self, which: Sequence[int]) -> Array:
-        """Return the columns (n, k) of these numbers."""
+        """Return the columns (n, k) with these indices."""
         return self.values[:, list(which)]
 
 
 @dataclass(frozen=True, eq=False)
 class UnitColumns:
-    """One column for each of n values, that is one there: what rows that do not belong have."""
+    """One unit column for each of n values: the columns of outlying rows."""
 
     count: int
 
@@ -60,7 +60,7 @@ class UnitColumns:
         return values
 
     def some(self, which: Sequence[int]) -> Array:
-        """Return the columns (n, k) of these numbers."""
+        """Return the columns (n, k) with these indices."""
         out = np.zeros((self.count, len(which)))
         out[list(which), np.arange(len(which))] = 1.0
         return out
@@ -68,9 +68,9 @@ class UnitColumns:
 
 @dataclass(frozen=True, eq=False)
 class JoinedColumns:
-    """Columns of several makers, one after the other.
+    """Columns of several sources, one after the other.
 
-    For every correlation the same are asked for in turn: up to ``KEPT`` numbers of them are kept.
+    The same columns are needed for each correlation in turn: up to ``KEPT`` entries are cached.
     """
 
     parts: tuple[ColumnSource, ...]
@@ -78,12 +78,12 @@ class JoinedColumns:
 
     @property
     def starts(self) -> list[int]:
-        """Where each part begins, and last where all end."""
+        """Index of the first column of each part, and finally the end."""
         return [0, *accumulate(p.count for p in self.parts)]
 
     @property
     def count(self) -> int:
-        """How many columns there are."""
+        """Number of columns."""
         return self.starts[-1]
 
     def along(self, values: Array) -> Array:
@@ -91,7 +91,7 @@ class JoinedColumns:
         return np.concatenate([p.along(values) for p in self.parts])
 
     def some(self, which: Sequence[int]) -> Array:
-        """Return the columns (n, k) of these numbers."""
+        """Return the columns (n, k) with these indices."""
         key = tuple(which)
         if key not in self._kept:
             made = self._made(np.asarray(which, dtype=np.int64))
@@ -101,7 +101,7 @@ class JoinedColumns:
         return self._kept[key]
 
     def _made(self, at: Ints) -> Array:
-        """Return the columns (n, k) of these numbers, that nobody writes to."""
+        """Return the columns (n, k) with these indices, read-only."""
         home = np.searchsorted(self.starts, at, side="right") - 1
         found = [(home == h, self.parts[h].some((at[home == h] - self.starts[h]).tolist()))
                  for h in np.unique(home).tolist()]

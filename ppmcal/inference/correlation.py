@@ -1,4 +1,4 @@
-"""Noise that is correlated from row to row: the same columns, white for each correlation."""
+"""Noise correlated from row to row: the same columns, whitened for each correlation."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ppmcal.inference.columns import ColumnSource
 from ppmcal.linalg import Array, Bools, Ints
 
 BLOCK = 64
-"""Columns that are worked on at a time: what is in between stays small."""
+"""Columns processed at a time, to keep intermediate arrays small."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +20,7 @@ class RowNoise:
     """First-order autoregressive noise of N rows of m coordinates, rho from each to the next.
 
     ``apart`` (N - 1,): rows from each to the next, 0 where another sequence begins; ``observed``
-    (N, m). Values are flat (N m,), zero where nothing was observed.
+    (N, m). Values are flat (N m,), zero where not observed.
     """
 
     rho: float
@@ -29,9 +29,9 @@ class RowNoise:
 
     @cached_property
     def before(self) -> tuple[Ints, Array]:
-        """The row where each value's coordinate was observed last, and the correlation with it.
+        """The row where each value's coordinate was last observed, and the correlation with it.
 
-        (N, m) each; a value without one, and one that was not observed itself, has 0.
+        (N, m) each; 0 for a value without such a row, or not observed itself.
         """
         rows = np.arange(len(self.observed))
         last = np.maximum.accumulate(np.where(self.observed, rows[:, None], -1), axis=0)
@@ -61,7 +61,7 @@ class RowNoise:
         return out.reshape(values.T.shape).T
 
     def transposed(self, values: Array) -> Array:
-        """Return values (N m, k) times the transpose of what :meth:`apply` does."""
+        """Return values (N m, k) multiplied by the transpose of :meth:`apply`."""
         if not self.rho:
             return values
         last, tie = self.before
@@ -74,14 +74,14 @@ class RowNoise:
 
 @dataclass(frozen=True, eq=False)
 class Whitened:
-    """Columns as they are where noise is correlated."""
+    """Columns whitened for correlated noise."""
 
     columns: ColumnSource
     noise: RowNoise
 
     @property
     def count(self) -> int:
-        """How many columns there are."""
+        """Number of columns."""
         return self.columns.count
 
     def along(self, values: Array) -> Array:
@@ -89,5 +89,5 @@ class Whitened:
         return self.columns.along(self.noise.transposed(values))
 
     def some(self, which: Sequence[int]) -> Array:
-        """Return the columns (n, k) of these numbers."""
+        """Return the columns (n, k) with these indices."""
         return self.noise.apply(self.columns.some(which))

@@ -1,4 +1,4 @@
-"""Whether things differ by more than their noise: how much they differ by is integrated."""
+"""Whether quantities differ by more than their noise, with the size of differences integrated."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from ppmcal.inference.ranges import SIZES
 
 
 def differing(chi2: float, freedom: int) -> float:
-    """Return the odds that differences of unit noise are there, not noise alone.
+    """Return the odds that there are real differences rather than noise alone.
 
-    What is there has a normal distribution, its size in units of the noise as that of any cause
-    (:data:`ppmcal.inference.ranges.SIZES`).
+    Real differences are normally distributed, with a size in units of the noise like that of any
+    cause (:data:`ppmcal.inference.ranges.SIZES`).
 
     Args:
         chi2: sum of squares of the differences over their noise.
-        freedom: how many they are.
+        freedom: number of differences.
     """
     wider = 1.0 + SIZES**2
     each = 0.5 * (chi2 * (1.0 - 1.0 / wider) - freedom * np.log(wider))

@@ -1,7 +1,7 @@
-"""How much more likely values are with a block than without, its size integrated.
+"""Evidence of values with a block relative to that without, its size integrated.
 
 A block's coefficients are s R z: z standard normal, s log-uniform over sizes, in units of the
-noise. With M = (I + Z Z')^-1 of what is taken, G = R'C'MC R and b = R'C'My, and the noise's scale
+noise. With M = (I + Z Z')^-1 of the conditioning, G = R'C'MC R and b = R'C'My, and the noise scale
 integrated,
 
     log Z(s) / Z(0) = -1/2 log|I + s^2 G| - (nu0 + n)/2 log(1 - b'(G + I/s^2)^-1 b / (nu0 + y'My))
@@ -24,7 +24,7 @@ from ppmcal.linalg import Array, Bools, Ints
 
 
 class NoiseScale(Protocol):
-    """What is known of the noise's scale, of several correlations where ``spread`` is (V, 1, 1)."""
+    """Knowledge of the noise scale; for several correlations ``spread`` is (V, 1, 1)."""
 
     @property
     def freedom(self) -> float:
@@ -39,10 +39,10 @@ def odds_by_size(given: NoiseScale, own: Array, part: Array, gone: Array | float
     """Return log Z at each size over log Z without the block (..., S).
 
     Args:
-        given: what is taken.
+        given: the noise scale given the conditioning.
         own: eigenvalues of G (..., q).
         part: squares of b along them (..., q).
-        gone: what other blocks than those taken have explained of y'My; an array is (..., 1).
+        gone: part of y'My explained by blocks outside the conditioning; an array is (..., 1).
     """
     own, part = np.maximum(own, 0.0)[..., None, :], part[..., None, :]
     grown = SIZES[:, None] ** 2
@@ -53,21 +53,21 @@ def odds_by_size(given: NoiseScale, own: Array, part: Array, gone: Array | float
 
 
 WIDE = 8
-"""Beyond so many columns eigenvectors cost more than a tridiagonal form."""
+"""Above this number of columns eigenvectors cost more than a tridiagonal form."""
 
 
 def odds_of_narrow(given: Conditioned, square: Array, right: Array) -> Array:
-    """Return :func:`odds_by_size` (..., S) from G (..., q, q) and b (..., q) themselves."""
+    """Return :func:`odds_by_size` (..., S) directly from G (..., q, q) and b (..., q)."""
     own, turn = small_eigh(square)
     return odds_by_size(given, own, (right[..., None, :] @ turn)[..., 0, :] ** 2)
 
 
 def odds_of_wide(given: NoiseScale, square: Array, right: Array, gone: Array | float = 0.0
                  ) -> Array:
-    """Return the same without eigenvectors; ``gone``: as of :func:`odds_by_size`.
+    """Return the same without eigenvectors; ``gone``: see :func:`odds_by_size`.
 
-    In a basis that begins with b and in which G is tridiagonal, pivots from its end are all that
-    the determinant and b'(G + 1/s^2)^-1 b need, and this the last of them alone.
+    In a basis that begins with b and in which G is tridiagonal, pivots computed from the end give
+    the determinant; the last pivot alone gives b'(G + 1/s^2)^-1 b.
     """
     diagonal, beside, length = linalg.tridiagonal(square, right)
     grown = SIZES**2
@@ -90,7 +90,7 @@ def small_eigh(square: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class BatchOdds:
-    """How much more likely values are with each block of a batch, wherever its coefficients are.
+    """Odds for each block of a batch, without bounds on its coefficients.
 
     ``square``: G (B, G, q, q); ``right``: b (B, G, q); ``free``: log odds (B, G, S).
     """
@@ -103,7 +103,7 @@ class BatchOdds:
 
     @classmethod
     def of(cls, given: Conditioned, batch: Batch) -> BatchOdds:
-        """Return what is known of the blocks of a batch, whatever their ends."""
+        """Return the odds for the blocks of a batch, without bounds."""
         seen = given.seen[batch.columns][:, None]                          # (B, 1, k, r)
         inner = batch.gram[:, None] - seen @ np.swapaxes(seen, 2, 3)
         square = np.swapaxes(batch.roots, 2, 3) @ inner @ batch.roots
@@ -114,14 +114,14 @@ class BatchOdds:
 
     @cached_property
     def most(self) -> Array:
-        """What the log odds (B,) are at most: where all that is likely is between the ends."""
+        """Upper limit of the log odds (B,): reached if the posterior is within the bounds."""
         return total(self.free) - self.batch.usual
 
     def between(self, which: Ints) -> Array:
-        """Return the log odds (b, G, S) of some blocks, coefficients between their ends."""
+        """Return the log odds (b, G, S) of some blocks, with coefficients within their bounds."""
         batch, out = self.batch, self.free[which] - self.batch.usual[which, None, None]
         ends = batch.bounded[which]
-        # what is not likelier wherever its coefficients are is not looked at closely
+        # blocks that are improbable even without bounds are evaluated approximately
         close = self.most[which] > 0.0
         for mine, closely in ((ends & close, True), (ends & ~close, False)):
             some = which[mine]
@@ -134,26 +134,26 @@ class BatchOdds:
 
 
 def total(log_odds: Array) -> Array:
-    """Return the log odds of each block (B,), of all roots and sizes (B, G, S) together."""
+    """Return the log odds of each block (B,), averaged over all roots and sizes (B, G, S)."""
     few = log_odds[0].size if len(log_odds) else 1
     return np.asarray(linalg.logsumexp(log_odds, axis=(1, 2)) - np.log(few))
 
 
 def within(given: NoiseScale, lift: Array, own: Array, part: Array, low: Array, high: Array,
            gone: Array | float = 0.0, closely: bool = True) -> Array:
-    """Return the log probability that coefficients are between two ends each.
+    """Return the log probability that coefficients are within their bounds.
 
-    They are Student's, since the noise's scale is integrated.
+    They follow Student's t, since the noise scale is integrated.
 
     Args:
-        given: what is taken.
+        given: the noise scale given the conditioning.
         lift: R times the eigenvectors of G (..., G, k, q).
         own: eigenvalues of G (..., G, q).
         part: b along the eigenvectors (..., G, q).
-        low: one end of each coefficient (..., 1, k).
-        high: the other (..., 1, k).
-        gone: what other blocks than those taken have explained of y'My.
-        closely: whether of several at once; else the product of what each has by itself.
+        low: lower bound of each coefficient (..., 1, k).
+        high: upper bound (..., 1, k).
+        gone: part of y'My explained by blocks outside the conditioning.
+        closely: compute the joint probability; otherwise the product of the marginals.
 
     Returns:
         (..., G, S).
@@ -175,7 +175,7 @@ def within(given: NoiseScale, lift: Array, own: Array, part: Array, low: Array, 
 
 
 def most_of_all(every: Sequence[BatchOdds], count: int) -> Array:
-    """Return what the log odds (count,) of each block of several batches are at most."""
+    """Return upper limits of the log odds (count,) of each block of several batches."""
     out = np.full(count, -np.inf)
     for one in every:
         out[one.batch.which] = one.most
@@ -183,7 +183,7 @@ def most_of_all(every: Sequence[BatchOdds], count: int) -> Array:
 
 
 def odds_of_some(every: Sequence[BatchOdds], asked: Bools) -> Array:
-    """Return the log odds (B,) of each block of several batches that is ``asked`` for (B,)."""
+    """Return the log odds (B,) of the blocks of several batches ``asked`` for (B,), others -inf."""
     out = np.full(asked.size, -np.inf)
     for one in every:
         which = np.flatnonzero(asked[one.batch.which])

@@ -1,4 +1,4 @@
-"""Rows and columns given the blocks that are taken: "past the geometry" and "given these"."""
+"""Rows and columns conditioned on blocks: "past the geometry" and "given these"."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from ppmcal.linalg import Array
 
 @dataclass(frozen=True, eq=False)
 class Conditioned:
-    """White values y (n,) and columns C (n, T) where Gaussian blocks Z (n, r) are taken.
+    """White values y (n,) and columns C (n, T) conditioned on Gaussian blocks Z (n, r).
 
     A block's coefficients are standard normal in units of the noise, so that y has the covariance
-    I + Z Z' before the noise's scale; its inverse is M = I - W W'.
+    I + Z Z' up to the noise scale; its inverse is M = I - W W'.
 
     Attributes:
-        columns: all columns that can be asked for.
-        values: y. count: how many of them were measured, n. basis: W (n, r).
+        columns: all columns available.
+        values: y. count: number of measured values n. basis: W (n, r).
         seen: C'W (T, r). right: C'My (T,).
         rest: y'My. log_det: half the logarithm of the determinant of I + Z Z'.
-        known: values that the stated noise is as good as, the degrees of freedom of its prior.
+        known: degrees of freedom of the prior of the stated noise.
     """
 
     columns: ColumnSource
@@ -40,37 +40,37 @@ class Conditioned:
     @classmethod
     def nothing(cls, columns: ColumnSource, values: Array, count: int | None = None,
                 known: float = float(NOISE_FREEDOM)) -> Conditioned:
-        """Return values (n,) and columns with no block taken.
+        """Return values (n,) and columns conditioned on no block.
 
-        ``count``: of the values that were measured, the others are zero here and in all columns.
-        ``known``: of the noise.
+        ``count``: of measured values; the others are zero here and in all columns. ``known``: of
+        the noise.
 
         Raises:
-            LinearAlgebraError: if values or columns hold anything but numbers.
+            LinearAlgebraError: values or columns are not finite.
         """
         along, square = columns.along(values[:, None])[:, 0], np.vdot(values, values)
-        linalg.finite("what values say of their causes", along, np.asarray(square))
+        linalg.finite("the evidence for causes", along, np.asarray(square))
         return cls(columns, values, values.size if count is None else count,
                    np.zeros((values.size, 0)), np.zeros((columns.count, 0)), along,
                    float(square), 0.0, known)
 
     @property
     def freedom(self) -> float:
-        """Degrees of freedom of the noise's posterior: the prior's and the values'."""
+        """Degrees of freedom of the noise posterior: those of the prior and of the values."""
         return self.known + self.count
 
     @property
     def spread(self) -> float:
-        """Sum of squares behind the noise's posterior, the prior's with it."""
+        """Sum of squares of the noise posterior, including that of the prior."""
         return self.known + self.rest
 
     @property
     def log_evidence(self) -> float:
-        """Logarithm of the values' density, up to what depends on their number alone."""
+        """Logarithm of the values' density, up to a term that depends only on their number."""
         return -self.log_det - 0.5 * self.freedom * float(np.log(self.spread))
 
     def condensed(self, columns: Array) -> Conditioned:
-        """Return what the values say of other columns (n, T) alone, in no more than T + 1 rows."""
+        """Return the data reduced to other columns (n, T), in at most T + 1 rows."""
         seen = columns.T @ self.basis
         gram = columns.T @ columns
         right = columns.T @ self.values - seen @ (self.basis.T @ self.values)
@@ -84,10 +84,10 @@ class Conditioned:
                        basis=np.zeros((len(rows), 0)), seen=np.zeros((len(right), 0)), right=right)
 
     def taking(self, block: Array) -> Conditioned:
-        """Return this with a block Z (n, k) more: its columns times the root of its prior.
+        """Return this conditioned on one more block Z (n, k): its columns times its prior root.
 
         Raises:
-            LinearAlgebraError: if the block, or its square, holds anything but numbers.
+            LinearAlgebraError: the block, or its square, is not finite.
         """
         if block.shape[1] == 0:
             return self
@@ -103,7 +103,7 @@ class Conditioned:
             new = inside @ (turn / np.sqrt(1.0 + own))
         gone = new.T @ self.values
         rest = max(self.rest - float(gone @ gone), 0.0)
-        if self.basis.shape[1] == 0:    # |My|^2 + |Z'My|^2, which loses none either
+        if self.basis.shape[1] == 0:    # |My|^2 + |Z'My|^2 loses no digits either
             past = self.values - new @ gone
             rest = float(past @ past + np.sum(gone**2 / (1.0 + own)))
         more = self.columns.along(new)

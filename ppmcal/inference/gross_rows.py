@@ -1,6 +1,6 @@
-"""Rows that do not belong, each a block by itself and at a size of its own.
+"""Outlying rows, each a block with its own size.
 
-There may be hundreds. Each tells of itself alone, so that their sizes need not be chosen together.
+There may be hundreds. Each affects only its own values, so their sizes need no joint search.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from ppmcal.inference.ranges import SIZES
 from ppmcal.linalg import Array
 
 SWEEPS = 8
-"""Each row's size is chosen again, beside the others, at most so often."""
+"""Maximum sweeps in which each row's size is chosen again, given the others."""
 LOST = 1.0
-"""Sizes that are so little worse, by the logarithm of the evidence of all rows, stay."""
+"""Sizes are kept if all rows together lose at most this much log evidence."""
 
 
 @dataclass(frozen=True)
 class RowSize:
-    """A row at the number of its size: its log odds, over all sizes, and by how much that is more.
+    """An outlying row at one size: its number, and the row's log odds over all sizes.
 
-    Beside all else that is taken.
+    ``slack``: excess of these over the log odds at that size. Conditional on everything else taken.
     """
 
     size: int
@@ -43,9 +43,9 @@ class RowSize:
 
 def sized_rows(given: Conditioned, blocks: Mapping[int, Block], near: Mapping[int, int]
                ) -> dict[int, RowSize]:
-    """Return rows that are not taken yet, each at a size that is likely beside the others.
+    """Return rows outside the conditioning, each at a probable size given the others.
 
-    ``near``: numbers of sizes that are known; they stay where they are hardly worse.
+    ``near``: numbers of known sizes; they are kept if hardly worse.
     """
     sizes = {i: near.get(i, SIZES.size // 2) for i in blocks}
     every = rows_left_out(given, blocks, sizes)
@@ -59,15 +59,15 @@ def sized_rows(given: Conditioned, blocks: Mapping[int, Block], near: Mapping[in
 
 def rows_left_out(given: Conditioned, blocks: Mapping[int, Block], sizes: Mapping[int, int]
                   ) -> dict[int, Array]:
-    """Return the log odds (S,) of each row that it does not belong, the others taken out.
+    """Return the log odds (S,) of each row being an outlier, given that the others are.
 
-    With U of all rows at their sizes, P = (I + U'MU)^-1 and z = P U'My: beside the others a row
-    has G = P_ii^-1 - I and b = P_ii^-1 z_i, both at its size.
+    With U of all rows at their sizes, P = (I + U'MU)^-1 and z = P U'My: given the others, a row has
+    G = P_ii^-1 - I and b = P_ii^-1 z_i, both at its size.
 
     Args:
-        given: what is taken, none of the rows among it.
-        blocks: the rows, by their numbers, each with a root, which is diagonal.
-        sizes: of each.
+        given: the conditioned data, without any of the rows.
+        blocks: the rows, by number, each with one diagonal root.
+        sizes: number of each row's size.
     """
     at = [c for b in blocks.values() for c in b.columns]
     if not at:

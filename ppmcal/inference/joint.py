@@ -1,7 +1,7 @@
-"""Blocks that are in the data together: their sizes, and how likely the values are with them.
+"""Blocks present together: their sizes, and the evidence with them.
 
-Where the geometry is taken, all that some blocks say of the values is in the inner products of
-their columns, so that any sizes of theirs cost no more than small matrices.
+Conditioned on the geometry, the inner products of the blocks' columns are sufficient, so evaluating
+any of their sizes takes only small matrices.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from ppmcal.inference.ranges import LEAST, SIZES, bounded, usual
 from ppmcal.linalg import Array, Bools, Ints
 
 SWEEPS = 6
-"""Each size is chosen again, given the others, at most so often."""
+"""Maximum sweeps in which each size is chosen again, given the others."""
 WIDEST = 64
-"""A block of more columns takes longer than all others together: its part is worked out apart."""
+"""A block with more columns takes longer than all others together: it is eliminated first."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointBlocks:
-    """Some blocks at the sizes and roots where all together are likeliest.
+    """Blocks at their most probable joint sizes and roots.
 
     Attributes:
-        log_evidence: logarithm of the values' density with them, sizes and roots integrated.
+        log_evidence: log density of the values with them, sizes and roots integrated.
         sizes: number of each block's size. grid: of its root.
         values, sigmas: each block's coefficients (k,), mean and standard deviation in units of the
             stated noise.
-        without: log evidence with each block gone, the others at the sizes that they have (B,).
+        without: log evidence without each block, with the others at their present sizes (B,).
     """
 
     log_evidence: float
@@ -47,19 +47,19 @@ class JointBlocks:
 
 def joint(given: Conditioned, blocks: Sequence[Block],
           near: Sequence[tuple[int, int] | None] = ()) -> JointBlocks:
-    """Return blocks in the data together, given what is taken.
+    """Return blocks present together, given the conditioning.
 
-    ``near``: numbers of the size and root of each from which the search for the likeliest starts.
+    ``near``: numbers of the size and root of each at which the search starts.
     """
     return joint_of_each([given], [blocks], near)[0]
 
 
 def joint_of_each(given: Sequence[Conditioned], blocks: Sequence[Sequence[Block]],
                   near: Sequence[tuple[int, int] | None] = ()) -> list[JointBlocks]:
-    """Return the same blocks together in the data as they are for each of V correlations.
+    """Return the same blocks present together, for each of V correlations.
 
-    Each by itself; at once, since most of the time goes into calls. ``blocks``: with roots of that
-    correlation. ``near``: as of :func:`joint`, for all of them.
+    The results are independent; they are computed at once because call overhead dominates.
+    ``blocks``: with roots for each correlation. ``near``: see :func:`joint`, for all of them.
     """
     count = len(blocks[0])
     if not count:
@@ -72,7 +72,7 @@ def joint_of_each(given: Sequence[Conditioned], blocks: Sequence[Sequence[Block]
     known: dict[tuple[int, bytes, bytes], tuple[Array, Array, Array]] = {}
 
     def along(k: int) -> tuple[Array, Array, Array]:
-        """Return what is known of a block beside the others as they are now, asked once."""
+        """Return the odds of a block given the others at their present sizes, cached."""
         rest = np.arange(count) != k
         key = (k, sizes[:, rest].tobytes(), grid[:, rest].tobytes())
         if key not in known:
@@ -102,7 +102,7 @@ def joint_of_each(given: Sequence[Conditioned], blocks: Sequence[Sequence[Block]
 
 def taken_blocks(given: Conditioned, blocks: Sequence[Block], sizes: Sequence[int] | Ints,
                  grid: Sequence[int] | Ints | None = None) -> Array:
-    """Return columns times roots times sizes (n, q): the block that all of them are.
+    """Return columns times roots times sizes (n, q): all blocks as one.
 
     ``sizes``, ``grid``: numbers of each block's size and root; default the first root.
     """
@@ -116,9 +116,9 @@ def taken_blocks(given: Conditioned, blocks: Sequence[Block], sizes: Sequence[in
 
 
 def coefficients(given: Conditioned, block: Block) -> tuple[Array, Array]:
-    """Return mean (k,) and covariance (k, k) of a block's coefficients, given what is taken.
+    """Return mean (k,) and covariance (k, k) of a block's coefficients, given the conditioning.
 
-    Over all sizes and roots, each as likely as it is: the likeliest alone would be too sure.
+    Averaged over all sizes and roots by probability: the most probable alone is overconfident.
     """
     values, seen = given.columns.some(block.columns), given.seen[list(block.columns)]
     gram, right = values.T @ values, given.right[list(block.columns)]
@@ -139,10 +139,10 @@ def coefficients(given: Conditioned, block: Block) -> tuple[Array, Array]:
 
 
 class _System:
-    """Inner products of the columns of some blocks, given what is taken, for V correlations.
+    """Inner products of the columns of some blocks, given the conditioning, for V correlations.
 
-    ``spread`` (V, 1, 1): as of what is taken. ``base``, ``gone`` (V, 1, 1): log odds of blocks that
-    are taken beside it, and what these have explained of it.
+    ``spread`` (V, 1, 1): of the conditioning. ``base``, ``gone`` (V, 1, 1): log odds of blocks
+    conditioned on in addition, and the part of the squares that they explain.
     """
 
     def __init__(self, given: Sequence[Conditioned], blocks: Sequence[Sequence[Block]]) -> None:
@@ -166,7 +166,7 @@ class _System:
         self._begin()
 
     def _begin(self) -> None:
-        """Count the blocks' columns; nothing is known of their inner products yet."""
+        """Count the blocks' columns, and reset their inner products."""
         widths = [roots.shape[3] for roots in self.roots]
         self.block = np.repeat(np.arange(len(widths)), widths)                  # (Q,)
         self.turned = _Turned.nothing(len(self.right), len(widths), self.right.shape[1],
@@ -176,9 +176,9 @@ class _System:
         self._past: tuple[bytes, _System] | None = None
 
     def along(self, k: int, sizes: Ints, grid: Ints) -> tuple[Array, Array, Array]:
-        """Return log odds against none of them (V, S, G), block k at every size, others as set.
+        """Return log odds relative to no block (V, S, G), for block k at every size, others as set.
 
-        First wherever its coefficient is, then with it between its ends; then without it (V,).
+        First without bounds on its coefficients, then within bounds; last without the block (V,).
         """
         if self.widest not in (None, k):
             others = np.arange(len(self.at)) != self.widest
@@ -208,9 +208,9 @@ class _System:
 
     def _held(self, taken: Bools, sizes: Ints, grid: Ints, at: Sequence[int] | slice
               ) -> tuple[Array, Array, Array]:
-        """Return what taken columns (Q,) hold of others and of the values (V, q, k + 1).
+        """Return projections of others and of the values on ``taken`` columns (Q,), (V, q, k + 1).
 
-        And the log odds of all that is taken, and what it has explained (V, 1, 1).
+        Also the log odds of all columns taken, and the part of the squares explained (V, 1, 1).
         """
         turned, rest = self._at_roots(grid), np.flatnonzero(taken)
         scale = SIZES[sizes[:, self.block[rest]]][..., None]                    # (V, q, 1)
@@ -222,9 +222,9 @@ class _System:
         return held, self.base + base, self.gone + np.sum(held[..., -1:] ** 2, axis=1)[..., None]
 
     def _past_widest(self, sizes: Ints, grid: Ints) -> _System:
-        """Return the system of the others, the widest taken as it is now; kept until that moves.
+        """Return the system of the others given the widest as set, cached until that changes.
 
-        What the others say of each other beside it is asked for again and again.
+        It is needed repeatedly while the others are varied.
         """
         wide = self.widest
         assert wide is not None
@@ -243,7 +243,7 @@ class _System:
         return self._past[1]
 
     def _at_roots(self, grid: Ints) -> _Turned:
-        """Return the columns of all blocks at their roots; what stays as it was is not redone."""
+        """Return the columns of all blocks at their roots, updating only changed ones."""
         now, views = self.turned, np.arange(len(grid))
         changed = np.flatnonzero((now.grid != grid).any(axis=0))
         places = [np.flatnonzero(self.block == k) for k in changed]
@@ -276,9 +276,9 @@ class _System:
 
 @dataclass(frozen=True, eq=False)
 class _Turned:
-    """Columns of all blocks at their roots (Q), the numbers of which are ``grid`` (V, B).
+    """Columns (Q) of all blocks multiplied by their roots, numbered by ``grid`` (V, B).
 
-    ``lifts`` (V, c, Q): the roots in the rows of all columns. Inner products with these are
+    ``lifts`` (V, c, Q): the roots, in rows of all columns c. Inner products with columns c are
     ``across`` (V, Q, c), with each other ``inner`` (V, Q, Q), with the values ``right`` (V, Q).
     """
 
@@ -290,7 +290,7 @@ class _Turned:
 
     @classmethod
     def nothing(cls, views: int, blocks: int, columns: int, count: int) -> _Turned:
-        """Return it of V views, B blocks, c columns and Q roots, of which none is known yet."""
+        """Return empty arrays for V views, B blocks, c columns and Q root columns."""
         return cls(np.full((views, blocks), -1), np.zeros((views, columns, count)),
                    np.zeros((views, count, columns)), np.zeros((views, count, count)),
                    np.zeros((views, count)))

@@ -1,4 +1,4 @@
-"""The search for the likeliest set of blocks: from each to a likelier one that is a move away."""
+"""The search for the most probable set of blocks: from each set to a more probable neighbour."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from ppmcal.inference.ranges import LEAST, SIZES
 from ppmcal.linalg import Array, Bools
 
 CLOSE = 8.0
-"""Sets that are so much less likely than the best are looked at for every correlation."""
+"""Sets whose log probability is within this of the best are evaluated for every correlation."""
 SETS = 3000
-"""Sets that are looked at, at most: some times what any search needs that ends by itself."""
+"""Most sets evaluated: several times what any converging search needs."""
 MOST = 40
-"""Causes in a set at most."""
+"""Most causes in a set."""
 DEEP = 3
-"""Blocks that take the place of one at most."""
+"""Most blocks that replace one."""
 FIRSTS = 3
-"""Forms of blocks from which others in the place of one begin, all but the first near to it."""
+"""Forms of blocks with which a replacement of one may begin, after the first only if close."""
 MOST_FORMS = 6
-"""Forms of blocks that are tried in the place of several."""
+"""Forms of blocks that are tried as replacement of several."""
 LEAST_GAIN = 1e-6
-"""A set is likelier by more than round-off."""
+"""A more probable set has to gain more log probability than this round-off."""
 
 
 class SetSearch:
-    """Sets that the search has come to; ``left``: at how many more it may look."""
+    """Sets visited by the search; ``left``: how many more it may evaluate."""
 
     def __init__(self, question: Question) -> None:
         self.question = question
@@ -47,7 +47,7 @@ class SetSearch:
         self.best: tuple[Numbers, float] = (frozenset(), -np.inf)
 
     def visit(self, chosen: tuple[int, ...]) -> BlockSet:
-        """Return a set, which is looked at once, for the correlations that are likely now."""
+        """Return a set, evaluated once, for the correlations that are probable now."""
         key = frozenset(chosen)
         if key not in self.states:
             if len(self.likely) == len(self.question.views):
@@ -56,7 +56,7 @@ class SetSearch:
         return self.states[key]
 
     def settle(self, chosen: tuple[int, ...]) -> BlockSet:
-        """Return a set for every correlation."""
+        """Return a set evaluated for every correlation."""
         key = frozenset(chosen)
         if key not in self.settled:
             self.replaced += [self.states[key]] if key in self.states else []
@@ -66,11 +66,11 @@ class SetSearch:
 
     @property
     def scored(self) -> list[BlockSet]:
-        """Sets whose probability with each further block is known."""
+        """Sets with known scores for adding each block."""
         return [at for at in (*self.states.values(), *self.replaced) if at.scored]
 
     def _state(self, chosen: tuple[int, ...], likely: Sequence[int]) -> BlockSet:
-        """Return a set; the sizes of its rows are where the search for those of others begins."""
+        """Return a set; the sizes of its rows are the start of the search in other sets."""
         self.left -= 1
         out = frozenset(self.question.apart_from_rows(chosen)[1])
         near = max((k for k in self.rows if k <= out), key=len, default=out)
@@ -79,14 +79,14 @@ class SetSearch:
         return at
 
     def overlooked(self, now: BlockSet) -> BlockSet | None:
-        """Return a set that is likelier once every correlation counts, None where there is none."""
+        """Return a set that is more probable over all correlations, None if there is none."""
         close = [at for key, at in self.states.items()
                  if key not in self.settled and at.log_p > now.log_p - CLOSE]
         best = max((self.settle(at.chosen) for at in close), key=lambda at: at.log_p, default=now)
         return best if best.log_p > now.log_p + LEAST_GAIN else None
 
     def whole(self, found: BlockSet) -> BlockSet:
-        """Return a set for every correlation; those that are likely with it are from now on."""
+        """Return a set for every correlation; those probable with it are used from now on."""
         found = self.settle(found.chosen)
         self.best = frozenset(found.chosen), found.log_p
         sized = found.likeliest[2]
@@ -99,9 +99,9 @@ class SetSearch:
         return found
 
     def better(self, now: BlockSet) -> BlockSet | None:
-        """Return a set that is likelier and one move away, None where there is none.
+        """Return a more probable set that is one move away, None if there is none.
 
-        One more is tried first; then each in turn gone, or another in its place.
+        Adding a block is tried first; then removing each in turn, or replacing it.
         """
         if self.left <= 0:
             return None
@@ -121,10 +121,10 @@ class SetSearch:
         return self._likelier(now, moves)
 
     def far(self, now: BlockSet) -> BlockSet | None:
-        """Return a set that is likelier and farther away than one move, None where there is none.
+        """Return a more probable set that is more than one move away, None if there is none.
 
-        Many rows at once, what leans on another with that, parts or several in the place of one,
-        one in the place of several, two events at once, alone or in the place of two others.
+        Many rows at once, a block with one that it requires, parts or several replacing one, one
+        replacing several, two events at once, added or replacing two others.
         """
         for far in chain(self._masked(now), self._leaning(now), self._parted(now), self._whole(now),
                          self._reshaped(now), self._split(now), self._merged(now),
@@ -136,19 +136,19 @@ class SetSearch:
         return None
 
     def _room(self, now: BlockSet) -> int:
-        """Return how many rows more may not belong."""
+        """Return how many more rows may be outliers."""
         return max(int(float(MOST_GROSS) * len(self.question.observed)) - len(now.rows), 0)
 
     def _full(self, now: BlockSet) -> Bools | None:
-        """Return which blocks can not be added, where as many rows are out as may be (B,)."""
+        """Return which blocks cannot be added because outlying rows are at their limit (B,)."""
         if self._room(now):
             return None
         return np.array([b.family in self.question.alone for b in self.question.blocks])
 
     def _with_others(self, now: BlockSet, more: BlockSet) -> BlockSet:
-        """Return a set with one more that stands alone, and the likelier half of all of its kind.
+        """Return a set to which a row was added, extended by the more probable half of such rows.
 
-        Rows that do not belong are many at times; each is looked at again by itself.
+        There may be many outlying rows; each is reconsidered individually later.
         """
         question = self.question
         if question.blocks[more.chosen[-1]].family not in question.alone:
@@ -160,10 +160,10 @@ class SetSearch:
         return many if many.log_p > more.log_p else more
 
     def _masked(self, now: BlockSet) -> Iterator[BlockSet]:
-        """Yield sets with twice as many more each time of those that stand alone.
+        """Yield sets with outlying rows added, twice as many each time.
 
-        Where many rows do not belong, none is likelier by itself: the others are noise to it. With
-        each that is there the next costs less; where it costs more, there are no others.
+        If there are many outliers, no single one improves the set: the others mask it as noise.
+        With each one present the next gains more; once it gains less, there are no others.
         """
         blocks = self.question.blocks
         rows = [i for i in np.argsort(-self._scores(now)).tolist()
@@ -178,9 +178,10 @@ class SetSearch:
             last, each, count = at, gain, 2 * count
 
     def _leaning(self, now: BlockSet) -> Iterator[BlockSet]:
-        """Yield sets with what leans on another and that at its simplest, in the place of a block.
+        """Yield sets with a dependent block and the simplest block that it requires.
 
-        Or beside all. What gives way under a weight that acts elsewhere explains nothing by itself.
+        Added, or replacing a block. A compliance under a weight that acts elsewhere explains
+        nothing by itself.
         """
         blocks = self.question.blocks
         leaning = [j for j, b in enumerate(blocks) if b.needs]
@@ -192,10 +193,10 @@ class SetSearch:
                     yield self.visit((*place, max(bearing, key=lambda i: blocks[i].log_prior), j))
 
     def _parted(self, now: BlockSet) -> Iterator[BlockSet]:
-        """Yield the likeliest set with parts of one block in its place.
+        """Yield the most probable set with one block replaced by parts of it.
 
-        What all joints have a value of their own for, perhaps two of them have: what is needed
-        least beside the others goes first, as long as the set is likelier for it.
+        Of an effect with a value for each joint, perhaps only two joints are affected: the part
+        needed least given the others is removed first, as long as the set becomes more probable.
         """
         for i in now.causes:
             rest, best = tuple(j for j in now.chosen if j != i), None
@@ -210,9 +211,9 @@ class SetSearch:
                 yield best
 
     def _by_need(self, now: BlockSet, i: int) -> list[int]:
-        """Return the parts of a block, each the one that is needed least beside those after it.
+        """Return the parts of a block, each the one needed least given those after it.
 
-        Where errors of joints look alike, each by itself is unsure, and one of them is sure.
+        If errors of joints look alike, each one is uncertain, but that one is present is certain.
         """
         blocks, (number, _, found) = self.question.blocks, now.likeliest
         block, n = blocks[i], now.causes.index(i)
@@ -237,16 +238,16 @@ class SetSearch:
         return order
 
     def _whole(self, now: BlockSet) -> Iterator[BlockSet]:
-        """Yield sets with a block in the place of those that are parts of it."""
+        """Yield sets with a block replacing those that are parts of it."""
         for i, parts in self.question.parts.items():
             rest = tuple(j for j in now.chosen if j not in parts)
             if i not in rest and len(rest) < len(now.chosen) - 1:
                 yield self.visit((*rest, i))
 
     def _reshaped(self, now: BlockSet) -> Iterator[BlockSet]:
-        """Yield sets with another form of a family in the place of one block, and one more block.
+        """Yield sets with one block replaced by another form of its family, and one more block.
 
-        What joints have a value of their own for, all alike and something else may do.
+        An effect with a value for each joint may instead be one value for all plus another cause.
         """
         blocks = self.question.blocks
         for i in now.causes:
@@ -260,10 +261,9 @@ class SetSearch:
                     yield self.visit(both)
 
     def _split(self, now: BlockSet) -> Iterator[BlockSet]:
-        """Yield sets with one block gone, and others, of other families, in its place.
+        """Yield sets with one block replaced by others, of other families.
 
-        What does most by itself may be all that does anything: then two others are not come to
-        from there.
+        A block that explains most by itself may leave nothing to two others that explain more.
         """
         blocks = self.question.blocks
         for i in now.causes:
@@ -284,9 +284,9 @@ class SetSearch:
             yield from self._pairs(rest, now.log_p)
 
     def _renamed(self, now: BlockSet) -> Iterator[BlockSet]:
-        """Yield sets with two events of another group in the place of two of one.
+        """Yield sets with two events of one group replaced by two of another.
 
-        A base that moved twice: with either of them a target that moved does not go.
+        Such as a base that moved twice: a target's move does not combine with only one of them.
         """
         where: dict[str, list[int]] = defaultdict(list)
         for i in now.causes:
@@ -297,13 +297,13 @@ class SetSearch:
                 for at in self._pairs(rest, now.log_p - CLOSE):
                     yield at
                     if at.log_p > now.log_p - CLOSE:
-                        for other in at.chosen[-2:]:    # so that either at other rows is scored
+                        for other in at.chosen[-2:]:    # so that each at other rows is scored
                             self._best(self.settle((*rest.chosen, other)))
 
     def _merged(self, now: BlockSet) -> Iterator[BlockSet]:
-        """Yield sets with one more block, and without those that are not needed beside it.
+        """Yield sets with one more block, without those not needed next to it.
 
-        What explains most by itself, and most beside what is there.
+        Blocks that explain most by themselves, and most given the present ones.
         """
         if len(now.causes) < 2:
             return
@@ -313,7 +313,7 @@ class SetSearch:
             yield self._pruned(self.visit((*now.chosen, i)), i)
 
     def _strongest(self, scores: Array, now: BlockSet) -> list[int]:
-        """Return the likeliest block of each of a few forms, those that are there left out."""
+        """Return the most probable block of each of a few forms, except blocks already present."""
         blocks, found = self.question.blocks, dict[str, int]()
         for i in np.argsort(-scores).tolist():
             form = blocks[i].form or blocks[i].family
@@ -324,9 +324,9 @@ class SetSearch:
         return list(found.values())
 
     def _pruned(self, at: BlockSet, held: int) -> BlockSet:
-        """Return the likeliest of a set and those with less, ``held`` in all of them.
+        """Return the most probable of a set and its subsets, ``held`` in all of them.
 
-        What is needed at the sizes that others have is hardly less so at any.
+        A block needed at the present sizes of the others is nearly as much needed at any sizes.
         """
         while True:
             fewer = [self.visit(tuple(j for j in at.chosen if j != k)) for k in at.causes
@@ -337,12 +337,12 @@ class SetSearch:
             at = best
 
     def _pairs(self, at: BlockSet, least: float) -> Iterator[BlockSet]:
-        """Yield sets with two events of one group more that may be likelier than ``least``.
+        """Yield sets with two more events of one group that may be more probable than ``least``.
 
-        For every correlation: without both, noise that is correlated looks likelier than it is.
+        For every correlation: without both events, correlated noise seems more probable than it is.
         """
         parts = {i for own in self.question.parts.values() for i in own}
-        # parts of another block are come to from there, one by one
+        # parts of another block are reached from that block, one by one
         free = {group: own for group, every in self.question.groups.items() if len(
             own := [i for i in every if i not in at.chosen and i not in parts]) > 1}
         most: dict[tuple[int, int], float] = {}
@@ -364,7 +364,7 @@ class SetSearch:
 
     def _likelier(self, now: BlockSet, moves: Iterable[tuple[float, tuple[int, ...]]]
                   ) -> BlockSet | None:
-        """Return the first of the moves, likeliest first, that holds once sizes are chosen anew."""
+        """Return the first move, by probability, that still improves with sizes chosen again."""
         for log_p, chosen in sorted(moves, reverse=True):
             if log_p <= now.log_p:
                 return None
@@ -374,10 +374,10 @@ class SetSearch:
         return None
 
     def _scores(self, at: BlockSet) -> Array:
-        """Return the scores of a set (B,), those that matter to any move or to the posterior.
+        """Return the scores of a set (B,), as far as they matter to any move or the posterior.
 
-        Of the likeliest all do. Beside others what is not likelier than the set does not, unless
-        that is part of the likeliest and nearly as likely.
+        For the most probable set all matter. For others only those that improve the set, or, for
+        subsets of the most probable set, those nearly as probable as that.
         """
         key, (best, log_p) = frozenset(at.chosen), self.best
         if key == best:
@@ -386,9 +386,9 @@ class SetSearch:
 
     def _best(self, at: BlockSet, gone: Bools | None = None, surely: bool = False
               ) -> tuple[float, tuple[int, ...]]:
-        """Return the likeliest set with one block more, none of those ``gone``.
+        """Return the most probable set with one more block, none of those ``gone``.
 
-        ``surely``: also where none is likelier than the set.
+        ``surely``: even if none is more probable than the set.
         """
         if not self.question.blocks:
             return -np.inf, at.chosen

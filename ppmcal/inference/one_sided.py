@@ -1,13 +1,13 @@
-"""Readings that can only be too long: in which rows, beside what the parameters explain.
+"""Readings that can only be too long: in which rows, beyond the errors that parameters explain.
 
-White rows y (N, m) of prior-scaled columns J are off by a reading of one of K kinds, x_k e with
-e >= 0, or by noise alone. Rows that are off say nothing along their x_k, where e is uniform up to
-the longest; of the others
+Whitened rows y (N, m) with prior-scaled columns J are off by a reading of one of K kinds, x_k e
+with e >= 0, or by noise alone. Rows that are off carry no information along their x_k, where e is
+uniform up to the longest; for the others
 
     log Z = -1/2 log|I + J'J| - (nu0 + n)/2 log(nu0 + y'My)
 
-as everywhere here. Which rows these are is found from the one convex problem that knows the sign:
-squares on one side, beyond HUBER deviations straight on the other.
+as everywhere here. These rows are found from a convex problem that uses the sign: quadratic loss on
+one side, linear beyond HUBER deviations on the other.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from ppmcal.inference.ranges import SIZES
 from ppmcal.linalg import Array, Ints
 
 HUBER = 0.5
-"""Where the way begins, readings that are too long pull by no more than so many deviations."""
+"""In the convex problem, readings that are too long count with at most this many deviations."""
 SWEEPS, ROUNDS = 300, 40
-"""Steps of the convex problem, and of the choice of rows, at most."""
+"""Maximum steps of the convex problem, and of the selection of rows."""
 STILL = 1e-3
-"""Standard deviations, or tolerances, by which a step that is the last one moves anything."""
+"""Iteration ends when a step moves parameters by less than this, in standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,12 +35,12 @@ class LongReadings:
     """Rows whose readings are too long.
 
     Attributes:
-        kind: which of the K readings (N,), -1 where none.
-        length: by how much (N,), in units of x; 0 where none.
+        kind: which of the K readings (N,), -1 for none.
+        length: by how much (N,), in units of x; 0 for none.
         parameters: in units of their priors (C,).
-        noise: of the other rows, over what was stated.
-        log_odds: of this against noise of any size.
-        beyond: log odds against readings off to both sides, and against the same in all rows.
+        noise: of the other rows, over the stated noise.
+        log_odds: relative to noise of any size.
+        beyond: log odds relative to errors of both signs, or of one constant per reading.
     """
 
     kind: Ints
@@ -53,10 +53,10 @@ class LongReadings:
 
 @dataclass(frozen=True, eq=False)
 class _WhiteRows:
-    """White rows ``y`` (N, m), ``jacobian`` (N, m, C), and ``along`` (N, m, K) unit readings.
+    """Whitened rows ``y`` (N, m), ``jacobian`` (N, m, C), and ``along`` (N, m, K) unit readings.
 
-    ``norm`` (N, K): what one unit of a reading is in deviations; ``known``: degrees of freedom of
-    the noise's size.
+    ``norm`` (N, K): one unit of a reading in deviations; ``known``: degrees of freedom of the noise
+    scale.
     """
 
     y: Array
@@ -66,17 +66,17 @@ class _WhiteRows:
     known: float
 
     def left(self, parameters: Array) -> Array:
-        """Return what parameters leave (N, m)."""
+        """Return the residuals (N, m)."""
         return np.asarray(self.y - self.jacobian @ parameters)
 
     def long(self, left: Array, signs: bool) -> tuple[Ints, Array]:
-        """Return in each row the reading that explains most (N,), and its size in deviations."""
+        """Return for each row the reading that explains most (N,), and its size in deviations."""
         size = -np.einsum("nmk,nm->nk", self.along, left)
         best = np.argmax(size if signs else np.abs(size), axis=1)
         return best, size[np.arange(len(best)), best]
 
     def without(self, kind: Ints) -> tuple[Array, Array]:
-        """Return J (N, m, C) and y (N, m) without what rows say along their reading."""
+        """Return J (N, m, C) and y (N, m) without each row's reading direction."""
         x = np.where((kind >= 0)[:, None], self.along[np.arange(len(kind)), :, kind], 0.0)
         return (self.jacobian - x[..., None] * (x[:, None] @ self.jacobian),
                 self.y - x * np.sum(x * self.y, axis=1, keepdims=True))
@@ -90,12 +90,12 @@ class _WhiteRows:
         return found, float(rest @ rest + found @ found), float(np.linalg.slogdet(square)[1])
 
     def count(self, kind: Ints) -> int:
-        """Return how many values are left beside readings that are too long."""
+        """Return the number of values minus one for each reading that is too long."""
         return int(np.count_nonzero(np.any(self.jacobian != 0.0, axis=2))) - int(
             np.count_nonzero(kind >= 0))
 
     def noise(self, square: float, count: int) -> float:
-        """Return the noise over what was stated."""
+        """Return the noise over the stated noise."""
         return float(np.sqrt((self.known + square) / (self.known + max(count, 0))))
 
     def evidence(self, kind: Ints, longest: float, sides: int) -> float:
@@ -108,7 +108,7 @@ class _WhiteRows:
         return out - float(spread.sum()) + self._prior(kind)
 
     def evidence_of_step(self, kind: Ints, length: Array) -> float:
-        """Return log Z of the same in all rows that are off (N,), reading by reading."""
+        """Return log Z for one constant per reading in all rows that are off (N,)."""
         own = np.unique(kind[kind >= 0])
         size = np.array([np.median(length[kind == k]) for k in own])
         at = (kind[:, None] == own) & (length[:, None] > 0.5 * size)
@@ -124,7 +124,7 @@ class _WhiteRows:
                      - whole * np.log(0.5 * (self.known + square)) - 0.5 * log_det)
 
     def _prior(self, kind: Ints) -> float:
-        """Return the log prior of which rows are off, any number of them being as likely."""
+        """Return the log prior of a choice of rows that are off, uniform over their number."""
         rows, off = len(kind), int(np.count_nonzero(kind >= 0))
         which = gammaln(rows + 1) - gammaln(off + 1) - gammaln(rows - off + 1)
         return float(np.log(float(FAMILY)) - which - np.log(rows + 1.0) - np.log(SIZES.size))
@@ -132,13 +132,13 @@ class _WhiteRows:
 
 def long_readings(y: Array, jacobian: Array, readings: Array, known: float
                   ) -> LongReadings | None:
-    """Return the rows in which one of K readings is too long, None where that explains nothing.
+    """Return the rows in which one of K readings is too long, None if that explains nothing.
 
     Args:
-        y: white rows (N, m), 0 where nothing was measured, taken back to the priors' middle.
+        y: whitened rows (N, m), 0 where not measured, linearised back to the prior means.
         jacobian: of parameters in units of their priors (N, m, C).
-        readings: how white predictions move with one unit of each reading (N, m, K).
-        known: degrees of freedom of the noise's size.
+        readings: derivative of whitened predictions by each reading (N, m, K).
+        known: degrees of freedom of the noise scale.
     """
     norm = np.linalg.norm(readings, axis=1)
     rows = _WhiteRows(y, jacobian, readings * linalg.reciprocals(norm)[:, None], norm, known)
@@ -152,7 +152,7 @@ def long_readings(y: Array, jacobian: Array, readings: Array, known: float
 
 
 def _chosen(rows: _WhiteRows, signs: bool) -> tuple[LongReadings | None, float]:
-    """Return the rows that are off, by one sign or by both, with their evidence."""
+    """Return the rows that are off, in one direction or in both, with their evidence."""
     parameters = _convex(rows, signs)
     kind = np.full(len(rows.y), -1)
     noise, longest = 1.0, np.inf
@@ -178,7 +178,7 @@ def _chosen(rows: _WhiteRows, signs: bool) -> tuple[LongReadings | None, float]:
 
 
 def _convex(rows: _WhiteRows, signs: bool) -> Array:
-    """Return the parameters (C,) by squares, and by straight lines where readings are too long."""
+    """Return the parameters (C,) of the convex problem: squares, linear for long readings."""
     flat = rows.jacobian.reshape(-1, rows.jacobian.shape[-1])
     solver = linalg.inv(np.eye(flat.shape[1]) + flat.T @ flat) @ flat.T
     parameters = solver @ rows.y.ravel()

@@ -1,7 +1,7 @@
-"""Which two events of a group explain most together: all pairs at once.
+"""The two events of a group that explain most together: all pairs at once.
 
-Each event's columns are made orthonormal past what is taken, so that all that two of them share is
-a small matrix K between them. With w what the values say along each, both explain
+Each event's columns are orthonormalised past the conditioning, so that the overlap of two events is
+a small matrix K. With w the values projected on each, both together explain
 
     |w1|^2 + (w2 - K'w1)' (I - K'K)^-1 (w2 - K'w1)
 """
@@ -20,7 +20,7 @@ from ppmcal.inference.given import Conditioned
 from ppmcal.linalg import Array, Ints
 
 ROUND_OFF = 1e-9
-"""What is left of a square, of the whole, where nothing but round-off is left."""
+"""Relative size of a square below which it is only round-off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Events:
 
     @classmethod
     def of(cls, blocks: Sequence[Block], which: Sequence[int], source: ColumnSource) -> Events:
-        """Return the events that some of the blocks are."""
+        """Return the events of some of the blocks."""
         most = max(len(blocks[i].columns) for i in which)
         columns = np.array([(*blocks[i].columns, *[-1] * (most - len(blocks[i].columns)))
                             for i in which])
@@ -50,8 +50,8 @@ class Events:
     def most(self, given: Conditioned, free: Sequence[int]) -> tuple[int, int, float]:
         """Return the two of some events that explain most of y'My together, and how much.
 
-        What only round-off leaves of an event past what is taken explains nothing, nor what it
-        leaves of one beside the other.
+        Parts of an event that are only round-off past the conditioning, or past the other event,
+        explain nothing.
         """
         shared, along = self._orthonormal(given, np.searchsorted(self.which, free))
         first, second = np.triu_indices(len(free), 1)
@@ -59,7 +59,7 @@ class Events:
         left = np.eye(len(both))[..., None] - np.einsum("abp,acp->bcp", both, both)
         right = along[second].T - np.einsum("abp,ap->bp", both, along[first].T)
         gain = np.sum(along**2, axis=1)[first]
-        for j in range(len(left)):      # eliminated column by column, of all pairs at once
+        for j in range(len(left)):      # elimination column by column, for all pairs at once
             there = left[j, j] > np.sqrt(ROUND_OFF)
             over = np.divide(1.0, left[j, j], out=np.zeros_like(gain), where=there)
             gain += right[j] ** 2 * over
@@ -69,7 +69,7 @@ class Events:
         return free[first[best]], free[second[best]], float(gain[best])
 
     def _orthonormal(self, given: Conditioned, some: Ints) -> tuple[Array, Array]:
-        """Return inner products (E, k, E, k) of events that are orthonormal each, and w (E, k)."""
+        """Return inner products (E, k, E, k) of the orthonormalised events, and w (E, k)."""
         at, each = self.columns[some], np.arange(some.size)
         there = (at >= 0)[..., None]
         seen = (given.seen[at] * there).reshape(at.size, -1)

@@ -1,7 +1,7 @@
-"""What rows left out would be predicted to be: one function for poses, times, conditions, sessions.
+"""Predictions of left-out rows: one function for poses, times, conditions, sessions.
 
-With y ~ N(0, s^2 K), K = I + Z Z' and M = K^-1, rows g that are left out miss their prediction from
-the others by e_g = (M_gg)^-1 (M y)_g, of covariance s^2 (M_gg)^-1: no fit is made again.
+With y ~ N(0, s^2 K), K = I + Z Z' and M = K^-1, the prediction error of left-out rows g from the
+others is e_g = (M_gg)^-1 (M y)_g, of covariance s^2 (M_gg)^-1: no refit is needed.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ppmcal.inference.given import Conditioned
 from ppmcal.linalg import Array, Ints
 
 UNPREDICTED = 100.0
-"""Variance of a prediction over that of the noise, beyond which it is none."""
+"""Variance of a prediction over that of the noise, beyond which it counts as no prediction."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,12 +27,12 @@ class Predicted:
     """Groups of values, each predicted from all others.
 
     Attributes:
-        error: by which each value misses its prediction, in units of the stated noise (n,).
-        spread: its standard deviation by noise and by what the others leave open (n,).
-        log_score: logarithm of the density at each group's values (G,), Student's.
-        missed: the error in those directions of a group in which the others predict it at all: a
-            frame that nothing else tells of is fitted to the group's own values (n,).
-        directions: how many these are (G,).
+        error: prediction error of each value, in units of the stated noise (n,).
+        spread: its standard deviation from noise and from the uncertainty of the others (n,).
+        log_score: log predictive density (Student's t) of each group's values (G,).
+        missed: the error in the directions of a group that the others predict: a frame that only
+            the group determines is fitted to its own values (n,).
+        directions: number of these directions (G,).
     """
 
     error: Array
@@ -46,11 +46,11 @@ def predicted(given: Conditioned, group: Ints) -> Predicted:
     """Return each group of values as predicted from the others.
 
     Args:
-        given: with the blocks taken that predict.
-        group: label of each value, 0 to G - 1 (n,); of a value that was not measured -1.
+        given: the data conditioned on the predicting blocks.
+        group: label of each value, 0 to G - 1 (n,); -1 for a value not measured.
 
     Raises:
-        LinearAlgebraError: if a group's values are known exactly from the others.
+        LinearAlgebraError: a group's values are determined exactly by the others.
     """
     past = given.values - given.basis @ (given.basis.T @ given.values)
     error, spread, missed = (np.full(group.size, np.nan) for _ in range(3))
@@ -75,17 +75,17 @@ def predicted(given: Conditioned, group: Ints) -> Predicted:
 
 
 def _left_out(own: Array, past: Array) -> tuple[Array, Array, Array, float, int]:
-    """Return errors (k,), those in directions that are predicted at all (k,), variances (k,).
+    """Return errors (k,), those in predicted directions (k,), and variances (k,).
 
-    And half the log determinant of M_gg = I - W W', and how many such directions there are, of rows
-    W = ``own`` (k, r) of the basis; ``past`` (k,) is M y there. The smaller of M_gg and I - W'W is
-    decomposed: (M_gg)^-1 = I + W (I - W'W)^-1 W'.
+    Also half the log determinant of M_gg = I - W W', and the number of predicted directions, for
+    rows W = ``own`` (k, r) of the basis; ``past`` (k,) is M y there. The smaller of M_gg and
+    I - W'W is decomposed: (M_gg)^-1 = I + W (I - W'W)^-1 W'.
     """
     k, r = own.shape
     told, turn = linalg.eigh(np.eye(min(k, r)) - (own @ own.T if k <= r else own.T @ own))
     if told.size and told[0] <= 0.0:
-        raise LinearAlgebraError("how well rows are predicted could not be had: the others say "
-                                 "exactly what they are", hint=linalg.TOO_FEW)
+        raise LinearAlgebraError("predictions of left-out rows could not be computed: the other "
+                                 "rows determine them exactly", hint=linalg.TOO_FEW)
     part = turn * np.sqrt(np.maximum(1.0 - told, 0.0)) if k <= r else own @ turn
     error = past + part @ ((part.T @ past) / told)
     lost = told * UNPREDICTED <= 1.0
@@ -96,13 +96,13 @@ def _left_out(own: Array, past: Array) -> tuple[Array, Array, Array, float, int]
 
 @dataclass(frozen=True, eq=False)
 class LeftOutGroups:
-    """Groups of values as several models, each by its probability, predict them from all others.
+    """Groups of values as predicted from all others by several models, averaged by probability.
 
     Attributes:
-        log_score: logarithm of the density at each group's values (G,).
-        square: sum of squared errors of each group, in units of the stated noise, as far as it is
-            predicted at all (G,).
-        count: in how many directions that is (G,).
+        log_score: log predictive density of each group's values (G,).
+        square: sum of squared errors of each group in predicted directions, in units of the stated
+            noise (G,).
+        count: number of predicted directions (G,).
     """
 
     log_score: Array
@@ -111,14 +111,14 @@ class LeftOutGroups:
 
 
 def averaged(models: Sequence[tuple[float, Conditioned]], group: Ints) -> LeftOutGroups:
-    """Return what models predict together, each as probable as the other groups make it.
+    """Return the averaged predictions of models, weighted by their probability given other groups.
 
-    What the values of a group add to a model's probability is its score there: p(y_g | rest) =
-    p(y) / p(rest), with p(rest) = sum of p_h / exp(score_h).
+    A model's score for a group is the contribution of that group to its probability:
+    p(y_g | rest) = p(y) / p(rest), with p(rest) = sum of p_h / exp(score_h).
 
     Args:
-        models: log p of each, up to what they have in common, and the data past what it has.
-        group: as of :func:`predicted`.
+        models: log p of each, up to a common constant, and the data conditioned on its blocks.
+        group: see :func:`predicted`.
 
     Raises:
         LinearAlgebraError: as :func:`predicted`.

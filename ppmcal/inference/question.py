@@ -1,4 +1,4 @@
-"""What is asked: values, geometry, and the blocks that may be in the data, with their prior."""
+"""The question: values, geometry, and the blocks that may be in the data, with their priors."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from ppmcal.inference.priors import CORRELATED, CORRELATIONS, FURTHER, NOISE_FRE
 from ppmcal.linalg import Array, Bools, Ints
 
 KEPT = 6
-"""Sets of rows with which the data are kept."""
+"""Sets of outlying rows for which conditioned data are cached."""
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseView:
-    """The data as they are for one correlation of the noise."""
+    """The data whitened for one correlation of the noise."""
 
     log_prior: float
     rho: float
@@ -37,12 +37,12 @@ class NoiseView:
 
     @cached_property
     def batches(self) -> tuple[Batch, ...]:
-        """The blocks of one shape each together."""
+        """The blocks, in batches of one shape."""
         return tuple(batches(self.blocks, self.start.columns, self.start.count,
                              self.start.known))
 
     def taking(self, rows: Mapping[int, int]) -> Conditioned:
-        """Return the data with rows taken that do not belong, at their sizes."""
+        """Return the data conditioned on outlying rows, at their sizes."""
         key = frozenset(rows.items())
         if not key:
             return self.start
@@ -58,22 +58,22 @@ class NoiseView:
 
     @cached_property
     def events(self) -> dict[str, Events]:
-        """The events of each group, as far as they were asked for."""
+        """The events of each group, filled as needed."""
         return {}
 
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """Values, geometry, and the blocks that may be in the data beside it.
+    """Values, geometry, and the blocks that may be present in addition.
 
     Attributes:
-        columns: white for noise without correlation (T).
+        columns: whitened for uncorrelated noise (T).
         values: y (n,), zero where ``observed`` (N, m) is not.
         geometry: Jacobian times the root of its prior (n, c).
         apart: rows from each to the next (N - 1,), 0 where another sequence begins.
-        alone: families that never stand for several others: rows that do not belong.
-        known: values that the noise is known as from: degrees of freedom of its prior.
-        measured: how many values are behind rows that were reduced to fewer; 0: none were.
+        alone: families that never represent several others: outlying rows.
+        known: degrees of freedom of the noise prior.
+        measured: number of measured values, if rows were reduced to fewer; 0: not reduced.
     """
 
     columns: ColumnSource
@@ -88,7 +88,7 @@ class Question:
 
     @cached_property
     def views(self) -> tuple[NoiseView, ...]:
-        """The data for every correlation."""
+        """The data whitened for every correlation."""
         rhos = (0.0, *CORRELATIONS) if self.apart.any() else (0.0,)
         return tuple(self._view(rho, self._log_prior(rho, len(rhos) - 1)) for rho in rhos)
 
@@ -119,7 +119,7 @@ class Question:
 
     @cached_property
     def parts(self) -> dict[int, list[int]]:
-        """Of each block those of its family, in a group, that have some of its columns each."""
+        """For each block the grouped blocks of its family that have a subset of its columns."""
         with_column: dict[tuple[str, int], set[int]] = defaultdict(set)
         for i in chain(*self.groups.values()):
             for c in self.blocks[i].columns:
@@ -132,13 +132,13 @@ class Question:
 
     @cached_property
     def _of_group(self) -> dict[str, float]:
-        """Log prior of each group: that one of its blocks is there."""
+        """Log prior of each group: that one of its blocks is present."""
         return {group: float(linalg.logsumexp([self.blocks[i].log_prior for i in own]))
                 for group, own in self.groups.items()}
 
     @cached_property
     def _looks(self) -> dict[str, tuple[list[int], float]]:
-        """The blocks of each subject, and what the log prior of each gains beside another."""
+        """The blocks of each subject, and the gain in log prior of each given another."""
         own: dict[str, list[int]] = defaultdict(list)
         for i, block in enumerate(self.blocks):
             if block.subject:
@@ -149,7 +149,7 @@ class Question:
 
     @cached_property
     def _places(self) -> dict[str, int]:
-        """How many groups each family has."""
+        """Number of groups of each family."""
         found: dict[str, set[str]] = defaultdict(set)
         for block in self.blocks:
             if block.group:
@@ -157,7 +157,7 @@ class Question:
         return {family: len(groups) for family, groups in found.items()}
 
     def _further(self, i: int, there: Iterable[int], more_often: float) -> float:
-        """Return the log prior of block i beside others: of a group, one more costs less."""
+        """Return the log prior of block i given others: one more of a group costs less."""
         block = self.blocks[i]
         alone = block.log_prior + more_often * (block.family not in self.alone)
         if block.subject and any(self.blocks[j].subject == block.subject for j in there):
@@ -168,7 +168,7 @@ class Question:
             return alone
         count = len(self.groups[block.group])
         same = sum(self.blocks[j].group == block.group for j in like)
-        # any m of n are as likely as any others, in whatever order they are listed
+        # all choices of m out of n are equally probable, in any order
         more = (np.log(float(FURTHER) * (len(like) + 1) * count / (count - same))
                 + block.log_prior - self._of_group[block.group])
         if not same:
@@ -176,10 +176,9 @@ class Question:
         return float(max(alone, more))
 
     def log_prior(self, chosen: Iterable[int], more_often: float = 0.0) -> float:
-        """Return the log prior of a set, whatever its order, as if what it needs were there.
+        """Return the log prior of a set, in any order, assuming required blocks are present.
 
-        ``more_often``: logarithm of how many times as often each family acts as its prior says,
-        rows that do not belong left out.
+        ``more_often``: logarithm of a factor on the prior of each family, except outlying rows.
         """
         total, there = 0.0, list[int]()
         for i in sorted(chosen, key=lambda i: (
@@ -190,13 +189,13 @@ class Question:
 
     @cached_property
     def _each(self) -> Array:
-        """Log prior of each block by itself (B,)."""
+        """Log prior of each block alone (B,)."""
         return np.array([b.log_prior for b in self.blocks], dtype=float)
 
     def more(self, chosen: Sequence[int]) -> Array:
-        """Return the log prior of a set with each block more, less that of the set (B,).
+        """Return the gain in log prior of a set by adding each block (B,).
 
-        Of those that are in it already nothing is said.
+        The values for blocks already in it are meaningless.
         """
         out, base = self._each.copy(), self.log_prior(chosen)
         families = {self.blocks[i].family for i in chosen if self.blocks[i].group}
@@ -218,33 +217,33 @@ class Question:
 
     @cached_property
     def with_ratio(self) -> list[int]:
-        """The blocks that keep within a ratio to another."""
+        """The blocks with a bounded ratio to another."""
         return [i for i, b in enumerate(self.blocks) if b.ratio]
 
     @cached_property
     def _leaning(self) -> tuple[Ints, Ints]:
-        """What each block needs and gives (B,), by number; 0: nothing."""
+        """The needs and gives of each block (B,), as numbers; 0: none."""
         names = ["", *sorted({b.needs for b in self.blocks} - {""})]
         place = {name: n for n, name in enumerate(names)}
         return (np.array([place[b.needs] for b in self.blocks], dtype=np.int64),
                 np.array([place.get(b.gives, 0) for b in self.blocks], dtype=np.int64))
 
     def apart_from_rows(self, chosen: Iterable[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Return causes, and rows that do not belong, of some blocks."""
+        """Return the causes and the outlying rows among some blocks."""
         every = tuple(chosen)
         rows = tuple(i for i in every if self.blocks[i].family in self.alone)
         return tuple(i for i in every if self.blocks[i].family not in self.alone), rows
 
     @cached_property
     def _readings(self) -> tuple[Ints, dict[str, Bools]]:
-        """By number the way in which each block takes its inputs (B,), and who takes an input."""
+        """How each block interprets its inputs (B,), as numbers, and which blocks use an input."""
         ways = {way: n for n, way in enumerate(dict.fromkeys(["", *(b.way for b in self.blocks)]))}
         return (np.array([ways[b.way] for b in self.blocks], dtype=np.int64),
                 {name: np.array([name in b.reads for b in self.blocks], dtype=bool)
                  for name in {name for b in self.blocks if b.way for name in b.reads}})
 
     def _contradicts(self, chosen: Iterable[int]) -> Bools:
-        """Whether each block takes an input in another way than a set does (B,)."""
+        """Whether each block interprets an input differently from a set (B,)."""
         way, reading = self._readings
         out = np.zeros(len(self.blocks), dtype=bool)
         for i in chosen:
@@ -253,14 +252,14 @@ class Question:
         return out
 
     def complete(self, chosen: Sequence[int]) -> bool:
-        """Whether a set has all that its blocks need, and takes each input in one way."""
+        """Whether a set has all that its blocks require, and one interpretation of each input."""
         needs, gives = self._leaning
         own = list(chosen)
         lacking = set(needs[own].tolist()) - {0, *gives[own].tolist()}
         return not (lacking or self._contradicts(own)[own].any())
 
     def completes(self, chosen: Sequence[int]) -> Bools:
-        """Whether a set is complete with each block more (B,)."""
+        """Whether a set is complete with each block added (B,)."""
         needs, gives = self._leaning
         there = {0, *gives[list(chosen)].tolist()}
         lack = set(needs[list(chosen)].tolist()) - there

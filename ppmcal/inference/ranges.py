@@ -1,4 +1,4 @@
-"""Sizes of blocks, and how much of a prior or posterior lies where coefficients may be."""
+"""Sizes of blocks, and the prior or posterior probability of coefficients within bounds."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ SIZES = np.geomspace(float(SMALLEST_SIZE), float(LARGEST_SIZE), SIZE_STEPS)
 """Sizes s (S,), rms over the noise."""
 LEAST = 1e-300
 TINY = 1e-200
-"""Probabilities whose quotient has lost its digits."""
+"""Probabilities too small for an accurate quotient."""
 FAR = 1e12
 """Standard deviations beyond which the probability is less than LEAST."""
 
 
 def bounded(low: Array, high: Array) -> Ints:
-    """Return which of the last axis' coefficients (..., k) have an end at all, of any block."""
+    """Return which coefficients of the last axis (..., k) are bounded in any block."""
     ends = np.isfinite(low) | np.isfinite(high)
     return np.flatnonzero(ends.reshape(-1, ends.shape[-1]).any(axis=0))
 
 
 def usual(roots: Array, low: Array, high: Array, known: float) -> Array:
-    """Return the log prior probability (...) that coefficients are between their ends.
+    """Return the log prior probability (...) that coefficients are within their bounds.
 
-    Over all roots (..., G, k, q) and sizes; ``low``, ``high`` (..., k); ``known``: degrees of
-    freedom of the noise's prior.
+    Averaged over all roots (..., G, k, q) and sizes; ``low``, ``high`` (..., k); ``known``: degrees
+    of freedom of the noise prior.
     """
     has = bounded(low, high)
     low, high = low[..., None, None, has], high[..., None, None, has]
@@ -37,26 +37,26 @@ def usual(roots: Array, low: Array, high: Array, known: float) -> Array:
 
 
 def all_between(freedom: float, low: Array, high: Array, deviation: Array) -> Array:
-    """Return the log probability (...) that all of k coefficients are between their ends (..., k).
+    """Return the log probability (...) that all of k coefficients are within bounds (..., k).
 
-    Each by itself, by Student's t of a standard deviation.
+    As independent, by Student's t with a given standard deviation.
     """
     safe = np.maximum(deviation, LEAST)
     if not np.isfinite(high).any():         # a sign alone: one tail
         each = student(freedom, -low / safe)
     else:
         a, b = low / safe, high / safe
-        turned = a > 0.0                    # differences of small tails, not of numbers near one
+        turned = a > 0.0                    # subtract small tails, not numbers near one
         a, b = np.where(turned, -b, a), np.where(turned, -a, b)
         each = student(freedom, b) - student(freedom, a)
     return np.asarray(np.sum(np.log(np.maximum(each, LEAST)), axis=-1))
 
 
 def together_between(freedom: float, low: Array, high: Array, covariance: Array) -> Array:
-    """Return the log probability (...) that k coefficients are between their ends (..., k) at once.
+    """Return the joint log probability (...) that k coefficients are within bounds (..., k).
 
-    One after the other, given that those before are: these as normal ones of the moments that what
-    is between the ends has (Mendell & Elston 1974). ``covariance`` (..., k, k).
+    One after the other, given that the previous ones are, which are approximated as normal with
+    their truncated moments (Mendell & Elston 1974). ``covariance`` (..., k, k).
     """
     count = covariance.shape[-1]
     total: Array = np.zeros(np.broadcast_shapes(low.shape, covariance.shape[:-1])[:-1])
@@ -78,21 +78,21 @@ def together_between(freedom: float, low: Array, high: Array, covariance: Array)
 
 
 def _moments(a: Array, b: Array, chance: Array) -> tuple[Array, Array]:
-    """Return mean and variance of standard normal values between a and b; ``chance``: of these."""
+    """Return mean and variance of a standard normal truncated to a, b; ``chance``: its mass."""
     at_a, at_b = (np.exp(-0.5 * x**2) / np.sqrt(2.0 * np.pi) for x in (a, b))
     mean = np.clip((at_a - at_b) / chance, a, b)
     variance = 1.0 + (a * at_a - b * at_b) / chance - mean**2
-    # so far away that nothing is left of digits, all of it is at the nearer end
+    # too far out for any digits: all mass is at the nearer end
     far = chance < TINY
     near = np.where(np.abs(a) < np.abs(b), a, b)
     return np.where(far, near, mean), np.where(far, 0.0, np.clip(variance, 0.0, 1.0))
 
 
 def student(freedom: float, x: Array) -> Array:
-    """Return the probability that Student's t is below x, as the normal one of what x stands for.
+    """Return the probability that Student's t is below x, by a normal of the transformed x.
 
-    Of the noise's freedom or more it is as good as exact, in a quarter of the time. Hill 1970,
-    Algorithm 395.
+    Practically exact for the degrees of freedom of the noise or more, in a quarter of the time.
+    Hill 1970, Algorithm 395.
     """
     a, x = freedom - 0.5, np.clip(x, -FAR, FAR)
     b, y = 48.0 * a**2, a * np.log1p(x**2 / freedom)

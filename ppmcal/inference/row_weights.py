@@ -1,8 +1,8 @@
-"""How much a row counts: how likely it belongs, sizes of noise and of gross errors integrated.
+"""Row weights: the probability of not being an outlier, noise and error sizes integrated.
 
-A row that belongs is off by noise; of the others, one in so many, by noise and an error of its own,
-whose size nobody knows. With d its squared distance, white by the noise that all rows show, and m
-the values behind it, both are Student's, of what is known of that noise:
+An inlier is off by noise; an outlier, one row in so many, by noise and an error of unknown size.
+With d its squared distance, whitened by the noise common to all rows, and m its number of values,
+both follow Student's t with the degrees of freedom of that noise:
 
     p(d | belongs)        ~ (1 + d / freedom)^-(freedom + m)/2
     p(d | does not, size) ~ (1 + size^2)^-m/2 (1 + d / freedom / (1 + size^2))^-(freedom + m)/2
@@ -19,17 +19,17 @@ from ppmcal.inference.ranges import SIZES
 from ppmcal.linalg import Array
 
 BEYOND_NOISE = SIZES[SIZES > 1.0]
-"""Sizes of an error that is none of the noise's."""
+"""Sizes of an error beyond the noise."""
 AT_ONCE = 2**16
 
 
 def log_ratio(square: Array, size: Array, freedom: float) -> Array:
-    """Return how much likelier rows are if they do not belong, its logarithm (n,).
+    """Return the log likelihood ratio of each row being an outlier (n,).
 
     Args:
-        square: squared white distances (n,).
-        size: values behind each, above 0 (n,).
-        freedom: degrees of freedom of the noise's size.
+        square: squared whitened distances (n,).
+        size: number of values of each, above 0 (n,).
+        freedom: degrees of freedom of the noise scale.
     """
     own = 1.0 + BEYOND_NOISE**2
     out = np.empty(square.size)
@@ -42,9 +42,9 @@ def log_ratio(square: Array, size: Array, freedom: float) -> Array:
 
 
 def improbability(square: Array, size: Array) -> Array:
-    """Return twice the negative logarithm of how likely rows are (n,), to a constant.
+    """Return minus twice the log probability of rows (n,), up to a constant.
 
-    Arguments as :func:`log_ratio`, with the stated noise as it is known.
+    Arguments as for :func:`log_ratio`, with the degrees of freedom of stated noise.
     """
     freedom = float(NOISE_FREEDOM)
     return np.asarray((freedom + size) * np.log1p(square / freedom) - 2.0 * np.logaddexp(
@@ -52,10 +52,10 @@ def improbability(square: Array, size: Array) -> Array:
 
 
 def row_weights(square: Array, size: Array, freedom: float, belong: int) -> Array:
-    """Return the weight of each row (n,): how likely it belongs, over a row that is not off at all.
+    """Return the weight of each row (n,): its inlier probability over that of a row without error.
 
-    Arguments as :func:`log_ratio`; ``belong``: rows that do. With them one more belongs the surer;
-    those that do not have no say in the others.
+    Arguments as for :func:`log_ratio`; ``belong``: number of inliers. The more there are, the more
+    probable is another; outliers do not influence the other rows.
     """
     odds = 1.0 / float(GROSS_ROW) + belong - 1.0
     nowhere = log_ratio(np.zeros(size.size), size, freedom)

@@ -1,6 +1,6 @@
-"""Which blocks are in the data: the posterior over sets of them.
+"""Which blocks are in the data: the posterior over sets of blocks.
 
-log p(H | y) = log Z(H) + log pi(H), for every correlation of the noise, and the sum over them.
+log p(H | y) = log Z(H) + log pi(H), for every correlation of the noise, summed over these.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from ppmcal.inference.question import Question
 from ppmcal.linalg import Array
 
 Answer = frozenset[tuple[str, str]]
-"""What may be in a place: which families are where."""
+"""What may occupy a place: families, and what they act on."""
 MOVES = 100
-"""Changes of the set at most; more would be a circle."""
+"""Maximum changes of the set; more would mean a cycle."""
 
 
 @dataclass(frozen=True)
 class Member:
-    """What may be in a place: a family somewhere, "" of nothing, and the likeliest set with it.
+    """A possible occupant of a place: its families, "" for none, and the most probable set with it.
 
-    ``own``: the blocks of that set which stand in the place.
+    ``own``: the blocks of that set that occupy the place.
     """
 
     family: str
@@ -40,17 +40,17 @@ class Member:
 
 @dataclass(frozen=True, eq=False)
 class SetPosterior:
-    """What is in the data.
+    """The posterior over sets.
 
-    The likeliest set, and those where one of its blocks is another, or missing, are counted one by
-    one. What else may be there beside them is taken block by block: what is hardly seen is there or
-    not, whatever else is hardly seen.
+    The most probable set, and sets in which one of its blocks is replaced or missing, are counted
+    individually. Further blocks are treated one by one: barely visible blocks are present or not
+    independently of each other.
 
     Attributes:
-        best: the likeliest set.
-        log_p: log probability of the sets that were counted, whatever is beside them.
-        beside: log odds of each block beside the best set (B,).
-        ended: whether the search was given up before it had come to where nothing is likelier.
+        best: the most probable set.
+        log_p: log probability of the counted sets, whatever further blocks are present.
+        beside: log odds of each further block given the best set (B,).
+        ended: whether the search was stopped before it reached a maximum.
     """
 
     best: BlockSet
@@ -60,7 +60,7 @@ class SetPosterior:
 
     @cached_property
     def _beside(self) -> Array:
-        """Probability of each block beside the best set (B,): of one family one, or none."""
+        """Probability of each further block given the best set (B,): at most one per family."""
         blocks = self.best.question.blocks
         families = {name: i for i, name in enumerate(dict.fromkeys(b.family for b in blocks))}
         home = np.array([families[b.family] for b in blocks], dtype=np.int64)
@@ -77,9 +77,9 @@ class SetPosterior:
         return np.asarray(np.minimum(counted + (1.0 - counted) * self._beside, 1.0))
 
     def nothing(self, beside: Container[str] = ()) -> float:
-        """Return the probability that nothing is in the data beside the geometry.
+        """Return the probability that the data contain only geometry.
 
-        ``beside``: families that do not count, rows that do not belong.
+        ``beside``: families that do not count, such as outlying rows.
         """
         blocks = self.best.question.blocks
         of_family: dict[str, float] = defaultdict(float)
@@ -90,9 +90,9 @@ class SetPosterior:
         return empty * float(np.prod([1.0 - min(p, 1.0) for p in of_family.values()]))
 
     def families(self, place: int) -> dict[str, float]:
-        """Return the probability of each family in a place, wherever it acts, largest first.
+        """Return the probability of each family in a place, whatever it acts on, largest first.
 
-        "" is of nothing; where other sets have several in its place, these are reported together.
+        "" stands for none; several blocks in the place are reported together.
         """
         found: dict[str, float] = defaultdict(float)
         for member in self.members(place):
@@ -100,17 +100,17 @@ class SetPosterior:
         return dict(sorted(found.items(), key=lambda f: -f[1]))
 
     def members(self, place: int) -> list[Member]:
-        """Return what may be in a place of the best set, likeliest first.
+        """Return the possible occupants of a place of the best set, most probable first.
 
-        A cause somewhere, whatever lies on a grid: elsewhere it is another member.
+        A member is a cause acting on something, at any grid value; acting elsewhere is another.
         """
         return list(self._members(place, self.log_p).values())
 
     def likely(self, place: int, mass: float) -> tuple[Member, ...]:
-        """Return the members that are needed for a mass of the probability, likeliest first.
+        """Return the members needed for a mass of the probability, most probable first.
 
-        Or would be if each family acted :data:`WITHIN` times as often as its prior says, or a part
-        of that: what only a prior rules out is not ruled out.
+        Including those needed if each family's prior were :data:`WITHIN` times larger or smaller: a
+        member excluded only by its prior is kept.
         """
         needed = set[Answer]()
         for log_p in (self.log_p, *self._at_other_priors):
@@ -125,12 +125,12 @@ class SetPosterior:
 
     @cached_property
     def _what(self) -> tuple[tuple[str, str], ...]:
-        """Which family each block is, and where."""
+        """The family of each block, and what it acts on."""
         return tuple((b.family, b.where) for b in self.best.question.blocks)
 
     @cached_property
     def _at_other_priors(self) -> tuple[dict[Numbers, float], ...]:
-        """Log probability of the sets if families act more often, or more seldom, than is said."""
+        """Log probability of the sets with larger, and with smaller, priors of families."""
         prior, times = self.best.question.log_prior, float(np.log(float(WITHIN)))
         out = []
         for more_often in (times, -times):
@@ -140,7 +140,7 @@ class SetPosterior:
         return tuple(out)
 
     def _members(self, place: int, log_p: Mapping[Numbers, float]) -> dict[Answer, Member]:
-        """Return what may be in a place, likeliest first, where sets have these probabilities."""
+        """Return the possible occupants of a place, most probable first; ``log_p``: of sets."""
         found: dict[Answer, list[tuple[float, Numbers, Numbers]]] = defaultdict(list)
         for key, p in log_p.items():
             own = self._in_place(self.best.chosen[place], key)
@@ -154,7 +154,7 @@ class SetPosterior:
         return dict(sorted(members.items(), key=lambda m: -m[1].probability))
 
     def _in_place(self, mine: int, key: Numbers) -> Numbers:
-        """Return the blocks of a set that stand in the place of a block of the best set."""
+        """Return the blocks of a set that take the place of a block of the best set."""
         best, what = frozenset(self.best.chosen), self._what
         if mine in key:
             return frozenset({mine})
@@ -167,15 +167,15 @@ class SetPosterior:
 def posterior(question: Question, start: Sequence[int] = (),
               enough: Callable[[BlockSet], bool] | None = None,
               known: Sequence[Numbers] = (), beside: Sequence[Numbers] = ()) -> SetPosterior:
-    """Return which blocks are in the data: search from a set, then what is near the best.
+    """Return which blocks are in the data: search from a set, then evaluate neighbours of the best.
 
     Args:
-        question: what may be there.
-        start: the set from which the search begins; nothing is looked at too.
-        enough: whether the search is to end at a set; asked of each that it comes to.
-        known: sets that were likely where a search of almost the same question ended at ``start``:
-            from there nothing is looked for again that is farther away than one move.
-        beside: sets of several blocks that belong together, which no single move comes to.
+        question: the possible blocks.
+        start: the set at which the search begins, in addition to the empty set.
+        enough: whether the search is to end at a set; called for each set reached.
+        known: sets that were probable when a search of almost the same question ended at
+            ``start``: from there only single moves are tried again.
+        beside: sets of several blocks that belong together and that no single move reaches.
     """
     seen = SetSearch(question)
     best = seen.whole(seen.visit(()))
@@ -199,7 +199,7 @@ def posterior(question: Question, start: Sequence[int] = (),
     counted = _scored([*rests, *seen.scored], best)
     counted |= {key: at.log_p for key, at in seen.states.items()
                 if at.log_p > best.log_p - NEGLIGIBLE or not key}
-    # what is beside the best is counted there, and once
+    # supersets of the best by one block are counted as further blocks only
     counted = {key: log_p for key, log_p in counted.items()
                if not (key > mine and len(key) == len(mine) + 1)}
     total = float(linalg.logsumexp(list(counted.values())))
@@ -208,10 +208,10 @@ def posterior(question: Question, start: Sequence[int] = (),
 
 
 def _scored(some: Iterable[BlockSet], best: BlockSet) -> dict[Numbers, float]:
-    """Return the log probability of sets with one block more than those that were scored.
+    """Return the log probability of sets with one more block than those scored.
 
-    In other sets than the best, and those with less, only of what is needed there: the rest is
-    beside them as it is beside the best.
+    For sets other than the best and its subsets, only blocks needed there: the rest counts as
+    further blocks, as for the best.
     """
     found: dict[Numbers, float] = {}
     for at in some:

@@ -1,6 +1,6 @@
-"""How many rows do not belong, and whether it is a part of them: shares are integrated.
+"""How many rows are outliers, and whether they are in one part: the share is integrated.
 
-Gross errors come at about their prior. Something else may hit any share, of all rows or of a part.
+Gross errors occur at about their prior rate. Other causes may affect any share of a part or of all.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from ppmcal.inference.priors import GROSS_ROW, UNKNOWN
 
 
 def everywhere(count: int, total: int) -> float:
-    """Return the odds that ``count`` of ``total`` rows were hit by something, not by gross errors.
+    """Return the odds that ``count`` of ``total`` rows have a cause other than gross errors.
 
-    0 where they are fewer than gross errors hit.
+    0 if there are fewer than gross errors would explain.
     """
     if count <= GROSS_ROW.value * total:
         return 0.0
@@ -23,10 +23,10 @@ def everywhere(count: int, total: int) -> float:
 
 
 def in_a_part(hits: int, inside: int, count: int, total: int) -> float:
-    """Return the odds that a part of the rows was hit by something, not all alike.
+    """Return the odds that outliers are concentrated in a part of the rows.
 
-    ``hits`` of the ``inside`` rows of this part, ``count`` of all ``total`` rows. 0 where the
-    others are hit as often.
+    ``hits`` of the ``inside`` rows of this part, ``count`` of all ``total`` rows. 0 if the other
+    rows are affected at least as often.
     """
     if hits * total <= count * inside:
         return 0.0
@@ -37,11 +37,11 @@ def in_a_part(hits: int, inside: int, count: int, total: int) -> float:
 
 
 def _at_any(hits: int, rows: int) -> float:
-    """Return the logarithm of the chance of a sequence with so many hits, at any share."""
+    """Return the log probability of a sequence with this many hits, at any share."""
     return float(betaln(hits + 1.0, rows - hits + 1.0))
 
 
 def _usual(hits: int, rows: int) -> float:
-    """Return the same at the share of gross errors: as if one of 1/share had been seen."""
+    """Return the same at the rate of gross errors, as if one in 1/rate rows had been observed."""
     seen = 1.0 / GROSS_ROW.value - 1.0
     return float(betaln(hits + 1.0, rows - hits + seen) - betaln(1.0, seen))

@@ -1,1 +1,1 @@
-"""What a machine and its data are: mechanism, parameters, limbs, effects, data sets."""
+"""The machine and its data: mechanism, parameters, limbs, effects, data sets."""

@@ -1,4 +1,4 @@
-"""Measurements, checked once at the border; SI, plain arrays, one row per measurement."""
+"""Measurements, checked once on reading; SI, plain arrays, one row per measurement."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from ppmcal.wording import pluralize
 class Unknown:
     """A pose, point, rotation or scale that is either given or to be fitted.
 
-    ``value`` holds the given one, or zeros; ``same_as`` names another data set whose
-    fitted one is shared; ``sigma``: of a fitted scale that is known to be near ``value``, the
-    standard deviation, None where nothing is known of it; ``defined``: what defines a given frame.
+    ``value`` holds the given value, or zeros; ``same_as`` names another data set whose fitted
+    value is shared; ``sigma``: prior standard deviation of a fitted scale about ``value``, None
+    without a prior; ``defined``: what defines a given frame.
     """
 
     fitted: bool
@@ -36,9 +36,9 @@ class Unknown:
 
 
 TRUE_SCALE = Unknown(False, np.ones(1))
-"""That of an instrument that shows lengths as they are."""
+"""The scale of an instrument without scale error."""
 NO_OFFSET = Unknown(False, np.zeros(1))
-"""That of an instrument whose zero is where it should be."""
+"""The offset of an instrument without zero error."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -50,59 +50,59 @@ class Dataset:
         source: path of the CSV, for messages.
         kind: of instrument.
         rows: row numbers in the CSV, counting data rows from 1, (N,).
-        q: joint values by actuator in SI (m, rad; bare numbers where the drive has a
+        q: joint values by actuator in SI (m, rad; dimensionless where the drive has a
             ratio), (N, k); nan where the file gives a commanded pose instead.
         commanded: commanded poses (N, 6), nan where unused, or None.
         position: measured position (N, 3), nan where not measured (planar: z is nan).
-        rotation: measured rotation vector (N, 3), nan where not measured (planar: only z); of an
-            inclinometer its angles in the places of their coordinates.
-        value: heights, distances or joints' readings (N,), nan for other instruments.
+        rotation: measured rotation vector (N, 3), nan where not measured (planar: only z); for an
+            inclinometer its angles, each in the component of its coordinate.
+        value: heights, distances or joint readings (N,), nan for other instruments.
         to_q: second joint values of a distance between two platform positions, or None.
         sigma_position, sigma_rotation: standard deviations (N, 3).
         sigma_value: of ``value`` (N,).
-        covariance: of the position (N, 3, 3), m^2, where its coordinates are off together, as a
-            tracker's are; or of position and turn (N, 6, 6), m and rad; None: they are not.
+        covariance: of the position (N, 3, 3), m^2, where its coordinates are correlated, as a
+            tracker's are; or of position and rotation (N, 6, 6), m and rad; None: uncorrelated.
         sigma_actuator: noise of the joints, by actuator (k,), 0 where none; unit of q.
         groups: integer label per commanded pose (repeats share it), (N,).
-        labels: the same as the file itself says, whatever the joints are (N,); None: as groups.
+        labels: the file's own pose labels, whatever the joints are (N,); None: as groups.
         columns: further columns by name in SI: ``dir_leg1``, ``vel_leg1``,
             ``temperature``, ``payload``, ``time``, ``fx`` ...; (N,) each, nan = missing.
         sessions: label per row, or None.
         frame, target, target_rotation: known or to be fitted; (6,), (3,), (3,).
-        scale: what the file's lengths are times the true ones (1,), known or to be fitted, with a
-            normal prior where it has a ``sigma``.
-        offset: what the readings of an encoder at a joint are more than the true ones (1,), SI.
-        estimated: whether the stated noise is only where its estimate starts.
+        scale: the file's lengths over the true ones (1,), known or to be fitted, with a normal
+            prior where it has a ``sigma``.
+        offset: readings of an encoder at a joint minus the true values (1,), SI.
+        estimated: whether the stated noise is only the starting value of an estimate.
         homing: ``shared`` or ``per-file``; inside the program also ``alone``: open even in the
             first file.
         approach: ``columns``, ``sequence`` or ``unknown``.
         visited: direction of approach of each joint (N, k), +1 or -1, nan where unknown; None:
-            as columns and ``approach`` say. What follows from the order of the rows is kept here
-            when rows are taken out.
+            as given by the columns and ``approach``. Keeps the directions that follow from the
+            order of the rows when rows are taken out.
         unusable: why a row must not be used, "" where it may, by row; None: all may.
-        findings: warnings that reading gave, each naming the row or column.
-        dropped: rows of the CSV that hold nothing usable: (row number, reason).
-        extra: what only one kind of instrument has.
-        units: that the file is in.
-        convention: in which its rotation columns were read: ``rotvec``, ``quat-xyzw`` ...
+        findings: warnings from reading, each naming the row or column.
+        dropped: rows of the CSV without usable content: (row number, reason).
+        extra: data specific to one kind of instrument.
+        units: of the file.
+        convention: of its rotation columns: ``rotvec``, ``quat-xyzw`` ...
         read: the sidecar's own block ``read``.
         headers: our column -> the file's header, where they differ.
-        headed: our column -> the file's header, and the unit that stands in it.
-        recorded: how the file has joints or commanded poses; None: not as a file has them.
-        chance: that two measurements of one pose agree in every digit, by noise and digits.
+        headed: our column -> the file's header, and the unit given in it.
+        recorded: the form of joints or commanded poses in the file; None: not from a file.
+        chance: that two measurements of one pose agree in every digit, given noise and digits.
         before: rows of the campaign's files before this one.
-        moments: the rows' numbers on the time line of the campaign (N,); None: one after another,
+        moments: the rows' numbers on the time line of the campaign (N,); None: consecutive,
             see :meth:`numbers`.
-        campaign: what the files of one campaign have in common, a name; empty: it stands alone.
-        whole: the data set before rows were taken out: they were visited all the same; None:
-            itself. ``place``: where its rows are in that one (N,).
-        body: of several targets in one file what these have in common, the file's name; empty: the
-            file has one. ``mark``: the target's name; ``wide``: it has columns of its own there,
-            the ``headers`` of its measured ones.
-        stands: a label per stand of the machine (N,), the same in all targets that were seen
-            there; None: rows of one number on the time line.
-        weight: the part of what each row tells that counts (N,); None: all of it.
-        gap_factor: what limbs may gap is multiplied by this, as the other noise was.
+        campaign: name shared by the files of one campaign; empty: a campaign of its own.
+        whole: the data set before rows were taken out, which were visited all the same; None:
+            itself. ``place``: indices of its rows in that one (N,).
+        body: name of the file that several targets share; empty: the file has one target.
+            ``mark``: the target's name; ``wide``: it has its own measured columns there, whose
+            names are in ``headers``.
+        stands: a label per stop of the machine (N,), shared by all targets seen there; None: rows
+            with one number on the time line.
+        weight: the fraction of each row's information that counts (N,); None: all of it.
+        gap_factor: scales the standard deviations of the limbs' gaps along with the other noise.
     """
 
     name: str
@@ -161,8 +161,8 @@ class Dataset:
                  fitted: bool) -> Dataset:
         """Return full poses (N, 6) at joints ``q`` (N, k) as if measured, nan where not.
 
-        ``sigma``: standard deviations of position and rotation; ``fitted``: whether frame,
-        target and target rotation are open, else they are the base's own.
+        ``sigma``: standard deviations of position and rotation; ``fitted``: whether frame, target
+        and target rotation are to be fitted; otherwise they are the base's and platform's own.
         """
         n, one = pose.shape[0], np.ones((pose.shape[0], 3))
         point = Unknown(fitted, np.zeros(3))
@@ -180,7 +180,7 @@ class Dataset:
 
     @property
     def entire(self) -> Dataset:
-        """The data set with all rows, of which these may be some."""
+        """The data set with all rows, before any were taken out."""
         return self if self.whole is None else self.whole
 
     def __len__(self) -> int:
@@ -189,7 +189,7 @@ class Dataset:
 
     @property
     def usable(self) -> NDArray[np.bool_]:
-        """Which rows may be used (N,): those that no reason speaks against."""
+        """Which rows may be used (N,)."""
         return np.array([not why for why in self.unusable or ("",) * len(self)], dtype=np.bool_)
 
     def take(self, keep: NDArray[np.int64] | NDArray[np.bool_]) -> Dataset:
@@ -219,11 +219,11 @@ class Dataset:
             weight=None if self.weight is None else self.weight[keep])
 
     def numbers(self) -> Ints:
-        """Return the rows' numbers through all files (N,); at one moment they are the same."""
+        """Return the rows' numbers across all files (N,); rows of one moment share a number."""
         return self.rows + self.before if self.moments is None else self.moments
 
     def row_at(self, number: int) -> int:
-        """Return the row of the file that has a number on the time line, or the last before it."""
+        """Return the row of the file with a number on the time line, or the last before it."""
         if self.moments is None:
             return max(number - self.before, 1)
         place = int(np.searchsorted(self.moments, number, side="right")) - 1
@@ -242,24 +242,24 @@ class Dataset:
             covariance=None if self.covariance is None else factor**2 * self.covariance)
 
     def without(self, rows: NDArray[np.bool_], reason: str) -> Dataset:
-        """Return the data set with ``rows`` (N,) marked unusable, unless they are already."""
+        """Return the data set with ``rows`` (N,) marked unusable; earlier reasons are kept."""
         old = self.unusable or ("",) * len(self)
         return replace(self, unusable=tuple(
             r or (reason if out else "") for r, out in zip(old, rows.tolist(), strict=True)))
 
     def own_column(self, name: str) -> str:
-        """Return what a sidecar calls a column, ``T2_x`` where several targets have one of it."""
+        """Return a column's name in the sidecar, ``T2_x`` if several targets have such a column."""
         shared = not self.wide or name not in self.headers or name.startswith("q_")
         return name if shared else f"{self.mark}_{name}"
 
     def alone(self) -> Dataset:
-        """Return the data set with a frame of its own where it had that of another one."""
+        """Return the data set with its own frame instead of one shared with another data set."""
         if self.frame.same_as is None:
             return self
         return replace(self, frame=replace(self.frame, same_as=None, fitted=True))
 
     def directions(self) -> Array | None:
-        """Return the directions of approach that the order of the rows gives (N, k), or None."""
+        """Return the directions of approach by the order of the rows (N, k), or None."""
         if self.visited is None and self.approach == "sequence":
             return ways(self.q)
         return self.visited
@@ -270,9 +270,9 @@ def tracker_noise(position: Array, station: Array, distance: float, angle: float
 
     Args:
         position: as measured, m.
-        station: where the tracker stood (3,), same frame.
+        station: position of the tracker (3,), same frame.
         distance: standard deviation along the line of sight, m.
-        angle: the same of either angle across it, rad.
+        angle: standard deviation of either angle across it, rad.
     """
     way = position - station
     far = np.linalg.norm(way, axis=1)
@@ -285,22 +285,22 @@ STANDARD_GRAVITY = 9.80665
 REFERENCE_TEMPERATURE, ZERO_CELSIUS = 293.15, 273.15
 POUND = 0.45359237
 PAYLOADS = {"kg": 1.0, "g": 1e-3, "lb": POUND, "N": 1.0 / STANDARD_GRAVITY}
-"""Units that a payload may be in, kg."""
+"""Accepted units of a payload, in kg."""
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 
 
 @dataclass(frozen=True)
 class Environment:
-    """What effects depend on, in N rows with k joints, SI; nan where not recorded.
+    """The conditions that effects depend on, in N rows with k joints, SI; nan where not recorded.
 
     ``approach``, ``velocity`` (of q) (N, k); ``temperature`` K above 20 degrees Celsius (N,);
-    ``wrench`` on the platform (N, 6), and the part of its force that is the payload's ``weight``
-    (N, 3); ``time`` s (N,). ``row``: number in the campaign, from 1 on through its files in their
-    order (N,); inf: after all of them. ``history``: all rows of the file in the order of their
-    visit, None where that is not known; ``place``: where each row is in it (N,), -1 where it is
-    not. ``touch``: whether a flat was touched there (N,), None: nowhere. ``stood``: a
-    label per place (N,) where the readings of the joints are all that was measured, None: the
-    joints are where they were commanded. ``tension`` of ropes as measured (N, k), N, None: of none.
+    ``wrench`` on the platform (N, 6), and ``weight``, the payload's part of its force (N, 3);
+    ``time`` s (N,). ``row``: number in the campaign, counted from 1 across its files in order
+    (N,); inf: after all of them. ``history``: all rows of the file in the order of their visit,
+    None if unknown; ``place``: index of each row in it (N,), -1 if not in it. ``touch``: whether a
+    flat was touched there (N,), None: nowhere. ``stood``: a label per stop (N,) where only joint
+    readings were measured, None: the joints are where they were commanded. ``tension``: measured
+    rope tensions (N, k), N, None: not measured.
     """
 
     approach: Array
@@ -317,7 +317,7 @@ class Environment:
     tension: Array | None = None
 
     def take(self, rows: NDArray[np.int64] | NDArray[np.bool_] | slice) -> Environment:
-        """Return the environment of some rows; their history stays whole."""
+        """Return the environment of some rows, with the complete history."""
         return Environment(self.approach[rows], self.velocity[rows], self.temperature[rows],
                            self.wrench[rows], self.time[rows], self.row[rows],
                            self.weight[rows], self.history,
@@ -327,7 +327,7 @@ class Environment:
                            None if self.tension is None else self.tension[rows])
 
     def with_directions(self) -> Environment:
-        """Return it with the history's joints known to go straight only where they did."""
+        """Return it with joints marked as direct only where the recorded directions agree."""
         if self.history is None or self.place is None:
             return self
         direct = self.history.direct & straight(self.history, self.place, self.approach)
@@ -335,19 +335,19 @@ class Environment:
 
 
 def unknown_environment(rows: int, joints: int) -> Environment:
-    """Return an environment that nothing is known about."""
+    """Return an environment in which nothing was recorded."""
     one, many = unknown(rows), unknown(rows, joints)
     return Environment(many, many, one, unknown(rows, 6), one, np.broadcast_to(np.inf, rows),
                        unknown(rows, 3))
 
 
 def unknown(*shape: int) -> Array:
-    """Return nan everywhere, read-only and in the space of one: there may be a million rows."""
+    """Return a read-only array of nan that occupies one number: there may be a million rows."""
     return np.broadcast_to(np.array(np.nan), shape)
 
 
 def _by_joint(columns: Mapping[str, Array], what: str, actuators: Sequence[str], n: int) -> Array:
-    """Return the columns ``what_<actuator>`` (N, k), nan where there is none."""
+    """Return the columns ``what_<actuator>`` (N, k), nan where missing."""
     names = [f"{what}_{a}" for a in actuators]
     if not any(name in columns for name in names):
         return unknown(n, len(names))
@@ -364,8 +364,8 @@ def environment(columns: Mapping[str, Array], actuators: Sequence[str], gravity:
         actuators: names of the joints.
         gravity: direction of weight in base axes (3,).
         q: joint values (N, k), nan where not known.
-        sequence: the rows were visited in order, so that the way from the row before is
-            the direction of approach; else ``time`` tells in which order.
+        sequence: the rows were visited in order, so that the move from the previous row is the
+            direction of approach; otherwise ``time`` gives the order.
     """
     n = q.shape[0]
     blank = unknown(n)
@@ -379,7 +379,7 @@ def environment(columns: Mapping[str, Array], actuators: Sequence[str], gravity:
         wrench[:, :3] += force
     temperature = columns.get("temperature", blank) - REFERENCE_TEMPERATURE
     time = columns.get("time", blank)
-    # of a joint whose direction is 0 throughout nobody moves it: it stays where it is
+    # a joint whose direction is 0 throughout is never moved: it stays where it is
     rests = np.all(approach == 0.0, axis=0)
     history, place = history_of(
         np.where(rests, 0.0, q), time, temperature, wrench, force, sequence)
@@ -390,7 +390,7 @@ def environment(columns: Mapping[str, Array], actuators: Sequence[str], gravity:
 
 
 def with_platform_directions(found: Environment, by_axis: Array, drive: Array) -> Environment:
-    """Fill in approach directions that were recorded for the platform.
+    """Fill in joint approach directions from those recorded for the platform.
 
     Args:
         found: environment with unknown approach.

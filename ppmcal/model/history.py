@@ -1,8 +1,8 @@
-"""What a machine went through before each row: the rows of a file in the order of their visit.
+"""The history of a machine before each row: the rows of a file in the order of their visit.
 
-Effects with memory depend on all that came before. Two operators are enough: play, which a drive
-shows that has to cross a gap before it moves on, and a first-order lag, which heat and creep show.
-Both are compositions of simple maps, clamps and affine ones, which are associative: after log2 H
+Effects with memory depend on everything before. Two operators are enough: play, for a drive that
+has to cross a gap before it moves the load, and a first-order lag, for heat and creep. Both are
+compositions of simple maps (clamps, affine maps), and composition is associative: after log2 H
 doublings every row has the composition of all maps up to it (parallel prefix; Blelloch, Prefix
 sums and their applications, 1990), with no loop over rows.
 """
@@ -17,9 +17,9 @@ import numpy as np
 from ppmcal.linalg import Array, Bools, Ints
 
 MOST_KEPT = 64
-"""Results that a history keeps: one fit asks for the same again and again."""
+"""Results that a history caches: a fit needs the same ones repeatedly."""
 DIRECT = 0.05
-"""A joint went straight from row to row if its recorded directions say otherwise in no more."""
+"""A joint moved straight from row to row if at most this part of its recorded directions differ."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,10 +28,10 @@ class History:
 
     Attributes:
         q: joint values (H, k).
-        time: s (H,), never falling; all nan where it is not known.
+        time: s (H,), never decreasing; all nan if unknown.
         temperature: K above 20 degrees Celsius (H,).
-        wrench: on the platform (H, 6), and ``weight`` (H, 3), its part that is the payload's.
-        direct: whether a joint went straight from row to row (k,): what it did in between is known.
+        wrench: on the platform (H, 6), and ``weight`` (H, 3), the payload's part of it.
+        direct: whether a joint moved straight from row to row (k,), so that its path is known.
     """
 
     q: Array
@@ -44,7 +44,7 @@ class History:
 
     @property
     def timed(self) -> bool:
-        """Whether the rows' times are known."""
+        """Whether the times of all rows are known."""
         return bool(np.isfinite(self.time).all())
 
     def slack(self, half: Array) -> tuple[Array, Array]:
@@ -56,10 +56,10 @@ class History:
         return self._once(key, lambda: slack(np.where(self.direct, self.q, np.nan), half))
 
     def unsettled(self, half: Array, start: float = 1.0) -> Array:
-        """Return by how much play's output is not what :func:`slack` takes it for (H, k), unit q.
+        """Return how far play's output may be from that assumed by :func:`slack` (H, k), unit q.
 
-        ``half``: half width by joint (k,), unit of q, not negative. ``start``: where play stood
-        before the first row, -1 to 1 half widths off; at 1 it is the most that may be.
+        ``half``: half width by joint (k,), unit of q, not negative. ``start``: state of play
+        before the first row, -1 to 1 half widths off; 1 gives the largest deviation.
         """
         def spread() -> tuple[Array, Array]:
             u = np.where(self.direct, self.q, np.nan)
@@ -71,18 +71,18 @@ class History:
         return self._once(("unsettled", start, *half.tolist()), spread)[0]
 
     def lagged(self, of: str, drive: Callable[[], Array], tau: float) -> tuple[Array, Array]:
-        """Return a state that follows ``drive`` (H,) or (H, k) late, and its derivative by tau, s.
+        """Return a state that lags behind ``drive`` (H,) or (H, k), and its derivative by tau, s.
 
         ``of``: name of the drive. See :func:`lagged`.
         """
         return self._once((of, tau), lambda: lagged(self.time, drive(), tau))
 
     def once(self, what: str, found: Callable[[], Array]) -> Array:
-        """Return what ``found`` does, found once."""
+        """Return the result of ``found``, computed once and cached under ``what``."""
         return self._once((what,), lambda: (found(), np.zeros(0)))[0]
 
     def rate(self) -> Array:
-        """Return each joint's travel per second on the way to each row (H, k), unit of q."""
+        """Return each joint's mean speed on the way to each row (H, k), unit of q per second."""
         known = np.isfinite(self.q)
         at = np.maximum.accumulate(np.where(known, np.arange(len(self.q))[:, None], 0), axis=0)
         travel = np.abs(np.diff(np.take_along_axis(self.q, at, axis=0), axis=0, prepend=np.nan))
@@ -91,9 +91,9 @@ class History:
             step > 0.0, step, 1.0), 0.0 * step)
 
     def moved(self) -> Array:
-        """Return how far each joint went from the row before (H, k), 0 at first; unit of q.
+        """Return how far each joint moved from the previous row (H, k), 0 at first; unit of q.
 
-        nan where it was not recorded, or not straight.
+        nan where not recorded, or where the joint did not move straight.
         """
         step = np.diff(self.q, axis=0, prepend=self.q[:1])
         return np.where(self.direct, step, np.nan)
@@ -109,17 +109,17 @@ class History:
 
 def history_of(q: Array, time: Array, temperature: Array, wrench: Array, weight: Array,
                sequence: bool) -> tuple[History | None, Ints]:
-    """Return the history that N rows make, and each row's place in it, -1 where it has none.
+    """Return the history of N rows, and each row's index in it, -1 if not part of it.
 
     Args:
         q: joint values (N, k), nan where not known.
         time: s (N,).
         temperature: K above 20 degrees Celsius (N,).
         wrench: on the platform (N, 6).
-        weight: the part of its force that is the payload's (N, 3).
-        sequence: the rows were visited in their order; else the times say in which.
+        weight: the payload's part of its force (N, 3).
+        sequence: the rows were visited in file order; otherwise the times give the order.
 
-    None where neither says. Times that fall where the rows are in order are not believed.
+    None if neither gives the order. With ``sequence``, times that decrease are ignored.
     """
     n = len(q)
     if sequence:
@@ -134,16 +134,16 @@ def history_of(q: Array, time: Array, temperature: Array, wrench: Array, weight:
     place[order] = np.arange(order.size)
     if not order.size:
         return None, place
-    if not (order.size == n and np.all(np.diff(order) == 1)):   # else nothing is copied
+    if not (order.size == n and np.all(np.diff(order) == 1)):   # else no copy is needed
         q, temperature, wrench, weight = (v[order] for v in (q, temperature, wrench, weight))
     return History(q, times, temperature, wrench, weight,
                    np.asarray(np.isfinite(q).any(axis=0))), place
 
 
 def ways(q: Array) -> Array:
-    """Return the direction from the row before (N, k), +-1; a joint at rest keeps its last.
+    """Return the direction from the previous row (N, k), +-1; a joint at rest keeps its last.
 
-    nan until a joint has moved for the first time; values that are missing are passed over.
+    nan until a joint first moves; missing values are skipped.
 
     >>> ways(np.array([[1.0], [2.0], [np.nan], [2.0], [1.5]])).ravel().tolist()
     [nan, 1.0, 1.0, 1.0, -1.0]
@@ -162,9 +162,9 @@ def ways(q: Array) -> Array:
 
 
 def straight(history: History, place: Ints, approach: Array) -> Bools:
-    """Return which joints' recorded directions (N, k) are those of the order of rows (k,).
+    """Return which joints' recorded directions (N, k) agree with the order of the rows (k,).
 
-    Where they are not, a joint moved between the rows too, and nobody wrote down how far.
+    Where they do not, a joint also moved between the rows, by an unknown amount.
     """
     told = ways(history.q)[place]
     both = np.isfinite(told) & np.isfinite(approach) & (place >= 0)[:, None]
@@ -176,11 +176,11 @@ def slack(u: Array, half: Array) -> tuple[Array, Array]:
     """Return play's output minus its input (H, k), and its derivative by the half width.
 
     p_k = max(u_k - h, min(u_k + h, p_(k-1))): the output p stays until the input u has crossed the
-    gap (Krasnosel'skii and Pokrovskii, Systems with hysteresis, 1989). Where p was before the
-    first row is not known: until u has spanned a full width, p is the middle of what it may be.
+    gap (Krasnosel'skii and Pokrovskii, Systems with hysteresis, 1989). The state before the first
+    row is unknown: until u has spanned a full width, p is the middle of its possible range.
 
     Args:
-        u: input (H, k); rows that are nan are passed over.
+        u: input (H, k); nan rows are skipped.
         half: half widths h (k,), not negative.
     """
     known = np.isfinite(u)
@@ -191,13 +191,13 @@ def slack(u: Array, half: Array) -> tuple[Array, Array]:
 
 
 def _first(u: Array) -> Array:
-    """Return the first value of each joint that is known (k,), nan where none is."""
+    """Return the first known value of each joint (k,), nan if there is none."""
     at = np.argmax(np.isfinite(u), axis=0)
     return np.asarray(u[at, np.arange(u.shape[1])])
 
 
 def _bounds(u: Array, half: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Return the least and the most that play's output may be (H, k), and d/d half of both."""
+    """Return the lower and upper bounds of play's output (H, k), and d/d half of both."""
     known = np.isfinite(u)
     low, high = np.where(known, u - half, -np.inf), np.where(known, u + half, np.inf)
     by_low, by_high = -1.0 * known, 1.0 * known
@@ -220,11 +220,11 @@ def lagged(time: Array, drive: Array, tau: float) -> tuple[Array, Array]:
     """Return the state x (H, ...) of x' = (drive - x)/tau, and its derivative by tau, per s.
 
     Each row's drive is held over the step before it, for which exp(-dt/tau) is exact, however
-    long. The state starts as the first drive: before the first row all had been at rest.
+    long. The state starts at the first drive: before the first row everything is in equilibrium.
 
     Args:
-        time: s (H,), not falling.
-        drive: (H, ...); rows that are nan are passed over.
+        time: s (H,), not decreasing.
+        drive: (H, ...); nan rows are skipped.
         tau: s; 0 or less: the state is the drive.
     """
     if tau <= 0.0:
@@ -246,7 +246,7 @@ def lagged(time: Array, drive: Array, tau: float) -> tuple[Array, Array]:
 
 
 def _affine(factor: Array, add: Array) -> Array:
-    """Return x (H, ...) of x_k = factor_k x_(k-1) + add_k, x before the first being 0."""
+    """Return x (H, ...) of x_k = factor_k x_(k-1) + add_k, with x = 0 before the first."""
     step = 1
     while step < len(add):
         add = np.concatenate([add[:step], factor[step:] * add[:-step] + add[step:]])

@@ -1,4 +1,4 @@
-"""What a calibration saw, kept in the machine's own file: noise check, end of the fit, ranges."""
+"""The data behind a calibration, kept in the machine file: noise check, end of the fit, ranges."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 MISSED = 5.0
-"""Residuals more than so many times the stated noise: the model misses its own measurements."""
+"""Ratio of residuals to stated noise above which the model does not fit its own data."""
 CHANCE = 1e-3
-"""Chance of as large residuals below which it does."""
+"""Probability of residuals as large, below which the same is concluded."""
 
 
 @dataclass(frozen=True)
 class MeasurementBasis:
-    """Residuals and ranges of the measurements behind a calibrated machine, and how its fit ended.
+    """Residuals and ranges of the measurements behind a calibrated machine, and the fit's outcome.
 
     Attributes:
         sigma_ratio: rms of the residuals over the stated noise, nan where unknown.
-        chi2_p: chance of residuals as large, if model and stated noise are right.
+        chi2_p: probability of residuals as large if model and stated noise are right.
         ranges: column -> (low, high), SI: coordinates of the platform's pose in the base frame,
             ``q_<actuator>``, and the recorded conditions.
-        converged: whether the fit was at its minimum, or was ended on purpose at the noise; None
-            where unknown.
+        converged: whether the fit reached its minimum, or was stopped on purpose at the noise
+            level; None if unknown.
     """
 
     sigma_ratio: float = float("nan")
@@ -31,5 +31,5 @@ class MeasurementBasis:
 
     @property
     def missed(self) -> bool:
-        """Whether the model misses its own measurements by far more than their noise."""
+        """Whether the model does not fit its own calibration data."""
         return self.sigma_ratio > MISSED and self.chi2_p < CHANCE

@@ -23,9 +23,9 @@ from ppmcal.units import Units
 from ppmcal.wording import pluralize
 
 PASSIVE = -1
-"""In the place of an actuator: the limb has no drive."""
+"""Actuator index of a limb without a drive."""
 USUAL_NOISE = 1e-5
-"""What drives repeat to where nobody says it, in parts of the reach: beside what limbs may gap."""
+"""Default repeatability of drives, as a fraction of the reach: in addition to limb gaps."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Limb:
     """One limb: its kind, which actuator drives it, its directions, and its slots.
 
     ``actuator`` is :data:`PASSIVE` for a limb that holds the platform without a drive. ``branch``
-    is the setting as the file gives it (+1, -1 or None); ``constants`` maps direction names
+    is the file's setting (+1, -1 or None); ``constants`` maps direction names
     (``base.axis``) to unit vectors (3,).
     """
 
@@ -68,7 +68,7 @@ class Mechanism:
     """A parallel mechanism: data only, SI.
 
     Attributes:
-        name: as in the file; ``motion``: the coordinates that its platform has.
+        name: as in the file; ``motion``: the platform's coordinates.
         limbs: base to platform, in file order.
         actuators: names of the joint variables, (k,).
         parameters: all parameters; ``free``: indices that identification may change.
@@ -76,25 +76,25 @@ class Mechanism:
         home_q: joint values at home by actuator, nan where the file gives none, (k,).
         limits: joint range by actuator, (k, 2), -inf and inf where none.
         gravity: unit direction of weight in base axes, (3,).
-        effects: what acts beyond geometry.
+        effects: effects beyond geometry.
         units: the file's units, in which everything is written.
         free_patterns: the file's ``free`` list, or None.
-        optional: patterns of freedoms to take, or leave, by what predicts left-out rows, in order.
+        optional: groups of patterns to free in turn, if that predicts left-out rows better.
         registrations: frame and target of data sets that were identified, by name.
-        measured: what the calibration saw; None: not calibrated, or by an older version.
+        measured: the data behind the calibration; None: not calibrated, or by an older version.
         digits: half the last printed digit of the file's numbers by quantity, SI.
-        findings: warnings that reading the file gave.
+        findings: warnings from reading the file.
         stiffness: of each limb's parts, ``bar``, ``drive``, ``joint1.x``, ... -> N/m or N m/rad;
-            what is not there is rigid; empty where the file says nothing.
-        tolerances: class of slots -> standard deviation, t file units, as the file gives it or a
-            default stands for it; see :meth:`class_tolerance`.
+            parts not listed are rigid; empty if the file has no stiffness.
+        tolerances: class of slots -> standard deviation in file units, given or default; see
+            :meth:`class_tolerance`.
         cost: class of slots -> (weight, exponent): a tolerance of t file units costs
-            weight / t^exponent; classes that the file leaves out are not there.
+            weight / t^exponent; only classes that the file lists.
         gauge: how a calibration by joint values alone fixes the base: ``base``, by base points that
-            stay where they are, or ``tolerances``, by the priors of all.
-        defining: parameters that are held for that: exact in the frames that they define.
-        gaps: limb -> standard deviation of how far it is from closing, m; of limbs that are not
-            there the drives' noise is all.
+            are held, or ``tolerances``, by the priors of all.
+        defining: parameters held for that gauge: exact in the frames that they define.
+        gaps: limb -> standard deviation of its closure gap, m; limbs not listed have only the
+            drives' noise.
         source: path of the file, for messages; ``inputs``: all files it was read from.
     """
 
@@ -126,7 +126,7 @@ class Mechanism:
     cost: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        """Return name, motion, limbs and how many parameters may change."""
+        """Return name, motion, limbs and number of free parameters."""
         kinds = ", ".join(dict.fromkeys(limb.kind.name for limb in self.limbs))
         effects = "".join(f"; {k}" for k in dict.fromkeys(e.kind.name for e in self.effects))
         return (f"<mechanism {self.name}: {self.motion}, {pluralize(len(self.limbs), 'limb')} "
@@ -134,12 +134,12 @@ class Mechanism:
 
     @property
     def self_calibrated(self) -> bool:
-        """Whether joint values alone calibrated it: its base's is the only frame known."""
+        """Whether it was calibrated by joint values alone: only the base frame is known."""
         return self.measured is not None and not self.registrations
 
     @property
     def dof(self) -> tuple[int, ...]:
-        """Indices of the pose coordinates that the machine has."""
+        """Indices of the machine's pose coordinates."""
         return self.motion.dof
 
     @property
@@ -159,14 +159,14 @@ class Mechanism:
 
     @cached_property
     def surplus(self) -> int:
-        """By how many the equations are more than the freedoms of the platform."""
+        """Number of closure equations in excess of the platform's degrees of freedom."""
         return self.equations - len(self.dof)
 
     @cached_property
     def gap_sigma(self) -> Array:
-        """Standard deviations of what the limbs' equations may gap (m,), 0 without surplus.
+        """Standard deviations of the limbs' closure gaps (m,), 0 without surplus equations.
 
-        Of an equation between directions, a cosine, as an arc at the platform's joints.
+        For an equation between directions (a cosine), the gap is an arc at the platform's joints.
         """
         size = {True: self.length_scale, False: 1.0}
         return np.array([self.gaps.get(limb.name, 0.0) / size[of_angle] for limb in self.limbs
@@ -174,7 +174,7 @@ class Mechanism:
 
     @cached_property
     def dependent(self) -> int:
-        """How many pose coordinates the closure decides: equations that no actuator drives."""
+        """How many pose coordinates the closure determines: equations without an actuator."""
         return self.equations - len(self.actuators)
 
     @cached_property
@@ -210,7 +210,7 @@ class Mechanism:
 
     @cached_property
     def actuator_has_ratio(self) -> tuple[bool, ...]:
-        """Whether q is a bare number (the limb has a drive ratio) for each actuator."""
+        """Whether q is dimensionless (the limb has a drive ratio) for each actuator."""
         ratio = {limb.actuator: any(s == "ratio" for s, _ in limb.slots.direct)
                  for limb in reversed(self.limbs)}
         return tuple(ratio[a] for a in range(len(self.actuators)))
@@ -230,7 +230,7 @@ class Mechanism:
 
     @cached_property
     def usual_joint_noise(self) -> Array:
-        """What joint coordinates repeat to where no data say it (k,), m or rad."""
+        """Default repeatability of the joint coordinates, if no data give it (k,), m or rad."""
         size = USUAL_NOISE * self.reach
         return np.array([size if q == "length" else size / self.length_scale
                          for q in self.actuator_quantity])
@@ -245,7 +245,7 @@ class Mechanism:
 
     @cached_property
     def joint_units(self) -> tuple[tuple[float, str], ...]:
-        """SI value and name of one file unit of each joint variable; 1 and "" if bare."""
+        """SI value and name of one file unit of each joint variable; 1 and "" with a ratio."""
         return tuple((1.0, "") if bare else (self.units.factor(q), self.units.name(q))
                      for q, bare in zip(self.actuator_quantity, self.actuator_has_ratio,
                                         strict=True))
@@ -254,8 +254,8 @@ class Mechanism:
     def length_scale(self) -> float:
         """Root mean square distance of the platform joints from the platform origin, m.
 
-        It weighs rotation against translation in singular values and in the solver; 1 m
-        where all joints sit at the origin.
+        It weights rotation against translation in singular values and in the solver; 1 m if all
+        joints are at the origin.
         """
         points = joint_points(self)[1] - self.home_pose[:3]
         scale = float(np.sqrt(np.mean(np.sum(points**2, axis=-1))))
@@ -270,15 +270,15 @@ class Mechanism:
         return float(np.sqrt(np.max(np.sum(apart**2, axis=-1)))) or 1.0
 
     def class_tolerance(self, tolerance_class: str, quantity: str) -> float | None:
-        """Return the tolerance of a class of slots, SI; None where the file has none.
+        """Return the tolerance of a class of slots, SI; None if the file has none.
 
-        Offsets of drives are lengths or angles: one number in file units stands for both.
+        Drive offsets are lengths or angles: one number in file units serves for both.
         """
         given = self.tolerances.get(tolerance_class)
         return None if given is None else given * self.units.factor(quantity)
 
     def registration(self, dataset: str) -> Registration:
-        """Return the registration of a data set; of any other name, that of the base frame."""
+        """Return the registration of a data set; for unknown names, that of the base frame."""
         return self.registrations.get(dataset, Registration())
 
     def with_free(self, patterns: Sequence[str] | None) -> Mechanism:
@@ -307,7 +307,7 @@ def joint_points(mechanism: Mechanism) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Given:
-    """What is known of one parameter of an effect, SI."""
+    """Given values of one parameter of an effect, SI."""
 
     value: float
     tolerance: float | None = None
@@ -317,13 +317,13 @@ class Given:
 
 
 def resolved(quantity: str, joint: str) -> str:
-    """Return a quantity with ``joint`` and ``load`` replaced by the actuator's own."""
+    """Return a quantity with ``joint`` and ``load`` replaced by those of the actuator."""
     load = {"length": "N", "angle": "N.m"}[joint]
     return quantity.replace("joint", joint).replace("load", load)
 
 
 def joint_quantity(mechanism: Mechanism, on: Sequence[bool]) -> str:
-    """Return ``length`` or ``angle``: what the first of the actuators ``on`` measures."""
+    """Return ``length`` or ``angle``: the quantity of the first of the actuators ``on``."""
     return next(q for q, used in zip(mechanism.actuator_quantity, on, strict=True) if used)
 
 
@@ -339,7 +339,7 @@ def usable_joints(mechanism: Mechanism, kind: EffectKind) -> NDArray[np.bool_]:
 
 
 def joint_groups(mechanism: Mechanism, kind: EffectKind) -> list[tuple[bool, ...]]:
-    """Return the actuators on which a kind may act at once (k,): each alone, or those that pull."""
+    """Return the actuators on which a kind may act at once (k,): each alone, or opposing sets."""
     usable = np.flatnonzero(usable_joints(mechanism, kind))
     sets = combinations(usable, mechanism.surplus if kind.opposed else 1)
     return [tuple(a in chosen for a in range(len(mechanism.actuators))) for chosen in sets]
@@ -347,7 +347,7 @@ def joint_groups(mechanism: Mechanism, kind: EffectKind) -> list[tuple[bool, ...
 
 def limbs_with_free(mechanism: Mechanism, slots: Sequence[str], free: Collection[int]
                     ) -> tuple[Limb, ...]:
-    """Return the limbs that have a parameter among ``free`` in one of some slots."""
+    """Return the limbs with a parameter among ``free`` in one of the slots."""
     return tuple(limb for limb in mechanism.limbs
                  if any(slot in slots and p in free for slot, p in limb.slots.direct))
 
@@ -371,7 +371,7 @@ def with_effect(mechanism: Mechanism, kind: EffectKind, on: Sequence[bool],
         mechanism: the machine so far.
         kind: of the effect.
         on: actuators that it acts on (k,).
-        given: by name of the kind's parameters; those left out have their default.
+        given: by parameter name of the kind; others take their default.
     """
     joint = joint_quantity(mechanism, on)
     label = effect_label(mechanism, kind, on)

@@ -1,4 +1,4 @@
-"""How platforms move: each motion is one declaration, from which all that depends on it follows.
+"""How platforms move: each motion is one declaration, and everything else follows from it.
 
 Other packages add motions through the entry-point group ``ppmcal.motions``: an entry loads a
 :class:`Motion`.
@@ -17,19 +17,19 @@ from ppmcal.model.registry import Registry
 POSE_COORDINATES = ("x", "y", "z", "rx", "ry", "rz")
 IN_PLANE = ("x", "y", "rz")
 ONE_AXIS, ALL_AXES = np.radians(45.0), np.radians(15.0)
-"""The largest turn from home that is looked at: about one axis, and about all three."""
+"""The largest rotation from home considered: about one axis, and about all three."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """The coordinates that a platform has; it keeps the others.
+    """The coordinates in which a platform moves; the others stay fixed.
 
     Attributes:
         name: as in files.
-        coordinates: names among :data:`POSE_COORDINATES`, in their order; turns about no axis,
-            about z, or about all.
+        coordinates: names among :data:`POSE_COORDINATES`, in their order; rotations about no
+            axis, about z, or about all.
         planar: whether base, limbs and instruments are in the x-y plane: then the base has the
-            coordinates x, y, rz in the measuring frame, else all six.
+            coordinates x, y, rz in the measuring frame, otherwise all six.
     """
 
     name: str
@@ -37,12 +37,12 @@ class Motion:
     planar: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse coordinates that nothing here could compute with (ValueError)."""
+        """Reject unsupported sets of coordinates (ValueError)."""
         own = tuple(c for c in POSE_COORDINATES if c in self.coordinates)
         turns = own[sum(c[0] != "r" for c in own):]
         if own != self.coordinates or turns not in ((), ("rz",), POSE_COORDINATES[3:]) or (
                 self.planar and not set(own) <= set(IN_PLANE)):
-            raise ValueError(f"motion '{self.name}' has the coordinates "
+            raise ValueError(f"motion '{self.name}' has unsupported coordinates "
                              f"{', '.join(self.coordinates)}")
 
     def __str__(self) -> str:
@@ -56,22 +56,22 @@ class Motion:
 
     @property
     def turns(self) -> bool:
-        """Whether the platform turns at all."""
+        """Whether the platform rotates at all."""
         return self.dof[-1] > 2
 
     @property
     def turns_freely(self) -> bool:
-        """Whether it turns about all axes, so that poses have a rotation vector."""
+        """Whether it rotates about all axes, so that poses have a rotation vector."""
         return "rx" in self.coordinates
 
     @property
     def axes(self) -> int:
-        """Coordinates of a point: 2 in the plane, else 3."""
+        """Number of coordinates of a point: 2 in the plane, otherwise 3."""
         return 2 if self.planar else 3
 
     @property
     def frame_parts(self) -> tuple[int, ...]:
-        """Indices of the coordinates that base and target have towards the instrument."""
+        """Indices of the coordinates of base and target relative to the instrument."""
         return (0, 1, 5) if self.planar else (0, 1, 2, 3, 4, 5)
 
     @property
@@ -81,16 +81,16 @@ class Motion:
 
     @property
     def measured_turns(self) -> tuple[int, ...]:
-        """Indices of what an instrument for whole poses measures of a rotation.
+        """Indices of the rotation components that a full-pose instrument measures.
 
-        In space all of it, also where the platform turns about one axis of the base: the
-        instrument's frame and the measured body may be tilted. Nothing where nothing turns.
+        In space all three, even if the platform rotates about one axis of the base: the
+        instrument's frame and the measured body may be tilted. None if the platform cannot rotate.
         """
         return tuple(i for i in self.frame_parts if i > 2) if self.turns else ()
 
     @property
     def measured_parts(self) -> tuple[int, ...]:
-        """Indices of what an instrument for whole poses measures, positions first."""
+        """Indices of the coordinates that a full-pose instrument measures, positions first."""
         return (*range(self.axes), *self.measured_turns)
 
     @property
@@ -100,7 +100,7 @@ class Motion:
 
     @property
     def largest_turn(self) -> float:
-        """By how much a box of poses turns the platform from home at most, rad."""
+        """The largest rotation from home in a box of poses, rad."""
         return ALL_AXES if self.turns_freely else ONE_AXIS if self.turns else 0.0
 
     @property
@@ -118,7 +118,7 @@ TRANSLATIONAL = register(Motion("translational", ("x", "y", "z")))
 SCHOENFLIES = register(Motion("schoenflies", ("x", "y", "z", "rz")))
 SPATIAL = register(Motion("spatial", POSE_COORDINATES))
 OWN = tuple(_REGISTRY.own().values())
-"""Those of this package."""
+"""The motions of this package."""
 
 
 def motion_names(planar: bool | None = None) -> list[str]:

@@ -1,7 +1,7 @@
 """Named parameters, and how limb slots follow from them.
 
-A parameter is one number that identification may change. Most are a slot of one limb; a
-shared one feeds several slots, and a point given by radius and angle feeds two.
+A parameter is one number that identification may change. Most feed one slot of one limb; a shared
+one feeds several slots, and the radius and angle of a point each feed two.
 """
 
 from __future__ import annotations
@@ -18,11 +18,10 @@ from ppmcal.linalg import Array
 RATIO = "ratio"
 """Name and class of the slot that holds a drive ratio."""
 NO_TOLERANCE = "no tolerance"
-"""The topic of what is said of a tolerance that a file does not give."""
-"""What a finding says of parameters whose tolerance is a default."""
+"""The topic of notes on tolerances that a file does not give, so that defaults apply."""
 
 RIGID = 1e-6
-"""A reciprocal so small against its nominal value is none."""
+"""Ratio to the nominal value below which a reciprocal counts as 0."""
 
 
 @dataclass(frozen=True)
@@ -31,18 +30,18 @@ class Parameter:
 
     Attributes:
         name: the slot's path, ``leg1.base.point.x``, or the name that several slots share.
-        quantity: ``length`` or ``angle``; of an effect also a quotient, ``length/N``.
+        quantity: ``length`` or ``angle``; for effects also a quotient, ``length/N``.
         value: present value; nominal: the value as designed.
-        tolerance: one standard deviation; inf for no prior, None where none is stated.
+        tolerance: one standard deviation; inf for no prior, None if not stated.
         fixed: the file says it must not change.
         tolerance_class: of its first slot: ``point``, ``length``, ``angle`` or ``offset``, the key
             of the file's ``tolerances`` that covers it; ``ratio`` has none; empty for effects.
         aliases: slot paths that it feeds, for pattern matching.
         sigma: standard deviation from an earlier identification, or None.
         free: marked as to be fitted, with or without a tolerance (effects).
-        size: a change that counts, SI, where no tolerance says so; None for geometry.
-        reciprocal: predictions are linear in 1/value; steps are taken there.
-        nonlinear: of an effect that is not this value times its derivative.
+        size: a significant change, SI, where no tolerance gives one; None for geometry.
+        reciprocal: predictions are linear in 1/value; steps are taken in it.
+        nonlinear: the effect is not linear in this parameter.
     """
 
     name: str
@@ -66,16 +65,16 @@ class Parameter:
 
     @property
     def prior_sigma(self) -> float | None:
-        """The tolerance where it is finite and above 0, else None: no prior, or fixed by it."""
+        """The tolerance if finite and above 0, otherwise None: no prior, or fixed by it."""
         tau = self.tolerance
         return tau if tau is not None and np.isfinite(tau) and tau > 0.0 else None
 
     def stepped(self, value: float, step: float) -> float:
         """Return the value after a Gauss-Newton step; a reciprocal one keeps its sign.
 
-        With c = 1/value the step is dc = -step c^2, at most so large that c falls to a tenth, and
-        not below :data:`RIGID` of nominal, where there is as good as nothing to give way. However
-        often it is made smaller, it is not 0.
+        With c = 1/value the step is dc = -step c^2, limited so that c falls at most to a tenth and
+        not below :data:`RIGID` of nominal, which is practically rigid. However often it is
+        reduced, the value never reaches 0.
         """
         if not self.reciprocal:
             return value + step
@@ -168,9 +167,9 @@ def _direct(direct: tuple[tuple[str, int], ...], slots: tuple[str, ...], columns
 def free_indices(parameters: Sequence[Parameter], patterns: Sequence[str] | None) -> list[int]:
     """Return the indices that identification may change.
 
-    Without ``patterns``: every parameter that has a tolerance above 0 and is not fixed.
-    Those that are marked as free are so either way. A pattern that names nothing is the
-    caller's to refuse (:func:`unmatched`).
+    Without ``patterns``: every parameter that has a tolerance above 0 and is not fixed. Parameters
+    marked as free are always included. The caller has to reject patterns that match nothing
+    (:func:`unmatched`).
     """
     def chosen(p: Parameter) -> bool:
         if patterns is not None:
@@ -182,13 +181,13 @@ def free_indices(parameters: Sequence[Parameter], patterns: Sequence[str] | None
 
 
 def is_joint_component(name: str) -> bool:
-    """Whether a name is a joint frame component, ``leg1.joint2.rx``: off by default."""
+    """Whether a name is a joint frame component, ``leg1.joint2.rx``: not free by default."""
     parts = name.split(".")
     return len(parts) >= 3 and parts[-2].startswith("joint") and parts[-2][5:].isdigit()
 
 
 def unmatched(parameters: Sequence[Parameter], patterns: Sequence[str]) -> list[str]:
-    """Return the patterns that name no parameter."""
+    """Return the patterns that match no parameter."""
     return [pattern for pattern in patterns if not any(p.matches(pattern) for p in parameters)]
 
 

@@ -1,6 +1,6 @@
-"""How a measurement file has what the controller was told: names, units, signs, digits and marks.
+"""The form of commands in a measurement file: names, units, signs, digits and marks.
 
-Commands go back to the controller in the same form, so a data set keeps it beside its SI values.
+Commands go back to the controller in the same form, so a data set keeps it with its SI values.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 LABEL = "pose"
-"""The column of rows' names, beside those of joints or of a commanded pose."""
+"""The column of row names, next to those of joints or of a commanded pose."""
 
 
 @dataclass(frozen=True)
@@ -16,12 +16,12 @@ class RecordedColumn:
     """A column of a file that holds joint values, or a coordinate of the commanded pose.
 
     Attributes:
-        name: ours, ``q_leg1`` or ``cmd_x``; :data:`LABEL` for that of rows' names.
+        name: ours, ``q_leg1`` or ``cmd_x``; :data:`LABEL` for that of row names.
         header: the file's.
-        unit: as people know it, empty for a bare number.
-        factor: a recorded number times this is the value in the mechanism file's unit; it has
-            the sign of a joint that is counted the other way.
-        decimals: after the mark, as many as the file has.
+        unit: its usual name, empty for a bare number.
+        factor: a recorded number times this is the value in the mechanism file's unit; negative
+            for a joint that counts the other way.
+        decimals: digits after the decimal mark, as in the file.
     """
 
     name: str
@@ -33,7 +33,7 @@ class RecordedColumn:
 
 @dataclass(frozen=True)
 class RecordedForm:
-    """How a file has commands: its columns in their order, separator, and decimal mark."""
+    """The form of commands in a file: columns in order, separator, and decimal mark."""
 
     columns: tuple[RecordedColumn, ...] = ()
     separator: str = ","
@@ -41,11 +41,11 @@ class RecordedForm:
 
     @property
     def as_machine(self) -> bool:
-        """Whether it is that of commands.csv: our names, the mechanism file's units, points."""
+        """Whether it is the form of commands.csv: our names, mechanism file units, points."""
         return self.separator == "," and self.decimal == "." and all(
             c.header == c.name and c.factor == 1.0 for c in self.columns)
 
     @property
     def values(self) -> tuple[RecordedColumn, ...]:
-        """The columns without that of rows' names."""
+        """The columns without that of row names."""
         return tuple(c for c in self.columns if c.name != LABEL)

@@ -14,7 +14,7 @@ from ppmcal.plain import Rows
 from ppmcal.units import Quantity
 
 FIRST_POSE = "the first pose"
-"""What defines a frame in which the nominal machine is right there."""
+"""Defines a frame by the nominal machine at the first pose."""
 
 
 @dataclass(frozen=True)
@@ -33,22 +33,22 @@ class DefinedFrame:
 
     @property
     def size(self) -> float:
-        """The variance of a point 1 m away, about: the larger of two frames is less certain."""
+        """Rough variance of a point 1 m away: of two frames the larger one is less certain."""
         return float(np.trace(self.covariance))
 
 
 @dataclass(frozen=True)
 class Registration:
-    """Where the instrument of one data set stands, SI; the default sees the platform in the base.
+    """Where the instrument of one data set stands, SI; by default it measures in the base frame.
 
     Attributes:
         frame: motor of the base in the measuring frame (8,).
         target: the measured point in platform axes (3,).
         target_rotation: rotation vector of the measured body against the platform (3,).
-        homing: shift of the joint values of this file (k,), unit of q; 0 () where there is none.
-            Of one session, so that model files do not keep it.
+        homing: shift of the joint values of this file (k,), unit of q; 0 () if there is none.
+            Specific to one session, so model files do not keep it.
         scale: lengths that the instrument shows over true ones.
-        offset: what an encoder at a joint shows more than is true, rad or m; of one session too.
+        offset: reading of an encoder at a joint minus the true value, rad or m; per session too.
 
     Several machines that are registered together have frames (M, 8) and targets (M, 3).
     """
@@ -63,11 +63,11 @@ class Registration:
     @classmethod
     def of_pose(cls, frame: Array, target: Array | None = None,
                 target_rotation: Array | None = None, scale: float = 1.0) -> Registration:
-        """Return the registration of a frame as files have it: x, y, z, rotation vector (6,)."""
+        """Return the registration of a frame in file form: x, y, z, rotation vector (6,)."""
         made = cls(cga.motor_from_rotation_vector(frame[3:], frame[:3]),
                    np.zeros(3) if target is None else target,
                    np.zeros(3) if target_rotation is None else target_rotation, scale=scale)
-        # kept, so that a file that is read and written again is equal to the last bit
+        # kept, so that reading and writing a file again is exact to the last bit
         made.__dict__["frame_pose"] = frame
         return made
 

@@ -1,4 +1,4 @@
-"""Kinds by name: those of this package, and those that other packages install."""
+"""Kinds by name: those of this package, and those added by other packages."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ T = TypeVar("T", bound=Named)
 class Registry(Generic[T]):
     """The kinds of one sort.
 
-    Another package adds kinds through an entry-point group: each entry loads a kind. Entries are
-    loaded when kinds are first asked for, since the package that they are in imports this one.
+    Other packages add kinds through an entry-point group: each entry loads a kind. Entries are
+    loaded when kinds are first needed, because their packages import this one.
     """
 
     def __init__(self, sort: str, group: str) -> None:

@@ -1,8 +1,8 @@
-"""Which rows measure the same again: one commanded pose, and then one environment as well.
+"""Which rows are repeats: of one commanded pose, and of one environment as well.
 
-A label says which rows are meant to be of one pose; the joints say which are. Rows of one pose
-differ by whatever acts on them (direction of approach, load, temperature), which is not noise:
-what repeats are to tell of the noise, rows of one pose *and* one environment tell.
+A label says which rows are meant to be of one pose; the joints show which are. Rows of one pose
+also differ by direction of approach, load and temperature, which is not noise: only rows of one
+pose *and* one environment show the noise.
 """
 
 from __future__ import annotations
@@ -15,32 +15,32 @@ from ppmcal.linalg import Array, Ints
 from ppmcal.model.dataset import Dataset
 
 RESOLVED, TOUCHED = 1e-3, 1e-2
-"""Joints of one pose agree within this part of their range over the file; the second of touches of
-a flat, whose noise is in the joints."""
+"""Joints of one pose agree within this part of their range over the file; the second value is for
+touches of a flat, whose noise is in the joints."""
 DIGITS = 1e-5
 """Joints that hardly move in the whole file agree within this part of their largest value."""
 NOISES = 6.0
-"""Joints of one pose are within so many times the stated noise of the drives."""
+"""Joints of one pose agree within this multiple of the stated noise of the drives."""
 SAME, SAME_TEMPERATURE = 0.02, 0.05
-"""Repeats may differ in speed and load by this part of the largest, and by so many K."""
+"""Repeats may differ in speed and load by this part of the largest, in temperature by this (K)."""
 NO_INFLUENCE = ("time",)
-"""Columns that repeats, and copies, need not share."""
+"""Columns in which repeats and copies may differ."""
 
 
 def commanded_poses(labels: Ints, q: Array, others: Sequence[Array | None], noise: Array,
                     touched: bool) -> Ints:
     """Return a label per commanded pose (N,), numbered in order of appearance.
 
-    Rows of one label whose joints differ by more than the controller resolves are of different
+    Rows of one label whose joints differ by more than the controller's resolution are of different
     poses. Rows whose joints agree in every digit are of one pose, whatever their labels.
 
     Args:
-        labels: as the file has them, numbered in order of appearance (N,).
+        labels: from the file, numbered in order of appearance (N,).
         q: joint values (N, k).
-        others: what else the machine was told, second joints or a commanded pose (N, m), or None.
+        others: further commands, second joints or a commanded pose (N, m), or None.
         noise: standard deviation of the joints (k,), unit of q.
-        touched: the rows are touches of a flat: joints are what was measured, so that equal ones
-            are not one pose for it.
+        touched: the rows are touches of a flat: joints were measured, so equal ones do not make
+            one pose.
     """
     told = np.concatenate([q, *(o for o in others if o is not None)], axis=1)
     out = labels
@@ -53,11 +53,11 @@ def commanded_poses(labels: Ints, q: Array, others: Sequence[Array | None], nois
 
 
 def places(q: Array, noise: Array, surplus: int) -> Ints:
-    """Return a label per place (N,) of rows that say nothing but their joint values (N, k).
+    """Return a label per stop (N,) of rows that have only joint values (N, k).
 
-    Rows one after the other whose joints agree within what they repeat to were read at one place.
-    Where two equations or more are ``surplus``, so were those in which one joint alone differs: the
-    others hold the platform, and still contradict each other elsewhere. That one was misread.
+    Consecutive rows whose joints agree within their repeatability were read at one stop. With two
+    or more ``surplus`` equations, so were rows in which a single joint differs: the others hold
+    the platform and remain redundant. That joint was misread.
     """
     if len(q) < 2:
         return np.arange(len(q))
@@ -66,14 +66,13 @@ def places(q: Array, noise: Array, surplus: int) -> Ints:
 
 
 def with_misread(groups: Ints, labels: Ints, q: Array, noise: Array) -> Ints:
-    """Return labels of places (N,) with readings that differ in one joint back at their place.
+    """Return labels of stops (N,) in which rows that differ in one joint rejoin their stop.
 
-    Of joint values alone these are what was measured: what is typed wrong in one of them is no
-    other place.
+    If only joint values are measured, a typing error in one of them does not make another stop.
 
     Args:
-        groups: as :func:`commanded_poses` tells rows of one label apart (N,).
-        labels: which rows are of one place but for their joints (N,).
+        groups: labels from :func:`commanded_poses` (N,).
+        labels: which rows are of one stop, joints aside (N,).
         q: joint values (N, k).
         noise: standard deviation of the joints (k,), unit of q.
     """
@@ -90,14 +89,14 @@ def with_misread(groups: Ints, labels: Ints, q: Array, noise: Array) -> Ints:
 
 
 def _steps(told: Array, noise: Array, touched: bool) -> list[float]:
-    """Return by how much each of the columns (N, c) may differ in one pose; arguments as above."""
+    """Return how much each of the columns (N, c) may differ within a pose; arguments as above."""
     sigma = [*noise, *np.zeros(told.shape[1] - noise.size)]
     return [max(_resolved(c, touched), NOISES * float(s))
             for c, s in zip(told.T, sigma, strict=True)]
 
 
 def _resolved(column: Array, touched: bool) -> float:
-    """Return by how much joint values (N,) of one pose may differ."""
+    """Return how much joint values (N,) of one pose may differ."""
     known = column[np.isfinite(column)]
     if not known.size:
         return np.inf
@@ -130,7 +129,7 @@ def repeats(data: Dataset) -> Ints:
 
 
 def _split(label: Ints, values: Array, step: float) -> Ints:
-    """Return labels (N,) that tell rows apart whose values (N,) are a step or more apart."""
+    """Return labels (N,) split wherever values (N,) are in different steps."""
     known = np.isfinite(values)
     low = np.full(int(label.max(initial=0)) + 1, np.inf)
     np.minimum.at(low, label[known], values[known])
@@ -144,7 +143,7 @@ def _split(label: Ints, values: Array, step: float) -> Ints:
 
 
 def _merged(label: Ints, same: Ints) -> Ints:
-    """Return labels (N,) that are one where ``same`` (N,) is, and so on from row to row."""
+    """Return labels (N,) merged wherever ``same`` (N,) is equal, transitively."""
     if np.unique(same).size == same.size:
         return label
     out = label
@@ -166,9 +165,9 @@ def _in_order(label: Ints) -> Ints:
 
 
 def identical_rows(rows: Array) -> Ints:
-    """Return the index of the first row that each row (N, c) is equal to, bit by bit (N,).
+    """Return the index of the first row that equals each row (N, c) bit by bit (N,).
 
-    nan is equal to nan.
+    nan equals nan.
     """
     bits = np.ascontiguousarray(np.where(np.isnan(rows), np.nan, rows) + 0.0).view(np.uint64)
     odd = np.random.default_rng(1).integers(1, 2**63, bits.shape[1], dtype=np.uint64) | np.uint64(1)
@@ -176,5 +175,5 @@ def identical_rows(rows: Array) -> Ints:
     _, first, label = np.unique((mixed ^ (mixed >> np.uint64(32))).sum(axis=1),
                                 return_index=True, return_inverse=True)
     found = first[label.reshape(-1)]
-    # a row that only shares the sum with another stands for itself
+    # a row that shares only the hash with another is its own first
     return np.where(np.all(bits[found] == bits, axis=1), found, np.arange(len(rows)))

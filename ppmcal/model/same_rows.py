@@ -1,4 +1,4 @@
-"""Rows of two tables that say the same, within the digits that they are written with."""
+"""Rows of two tables that are equal within the digits they are written with."""
 
 from __future__ import annotations
 
@@ -15,12 +15,11 @@ from ppmcal.units import ANGLES, LENGTHS
 
 LOOKED_AT = 2000
 MOST_STEPS, WHOLE = 1e11, 1e-3
-"""Of a number of so many steps, or fewer, double precision says within this whether it is whole."""
+"""Up to this many steps, double precision shows whether a multiple is whole, within ``WHOLE``."""
 ROUND_OFF = 1e-9
-"""What units make of a number is exact to this part of a column's largest."""
+"""Unit conversion is exact to this part of a column's largest value."""
 KEPT, CARRIED = 1000, 5000
-"""Rows of a table by which a copy of it is recognised later on, and of all the tables behind a
-fit."""
+"""Rows kept of one table, and of all tables behind a fit, to recognise a copy later."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +29,10 @@ class KnownRows:
     Attributes:
         source: the table's name.
         kind: of instrument.
-        count: rows that the table had.
+        count: number of rows in the table.
         chance: that two measurements of one pose agree in every digit.
         columns: names, ``q_leg1`` ... ``x`` ... (c,).
-        table: what was told and measured (n, c), nan where not.
+        table: commanded and measured values (n, c), nan where missing.
     """
 
     source: str
@@ -45,11 +44,11 @@ class KnownRows:
 
     @property
     def whole(self) -> bool:
-        """Whether all rows of the table are here."""
+        """Whether all rows of the table were kept."""
         return len(self.table) == self.count
 
     def thinned(self, most: int) -> KnownRows:
-        """Return at most so many rows, evenly spread."""
+        """Return at most ``most`` rows, evenly spread."""
         if len(self.table) <= most:
             return self
         rows = np.unique(np.linspace(0, len(self.table) - 1, most).astype(int))
@@ -73,7 +72,7 @@ def step_of(values: Array) -> float:
     step = float(gaps.min())
     while step > 100.0 * noise:
         rest = np.abs(gaps - np.round(gaps / step) * step)
-        # a quotient carries the round-off of the step as often as it goes into the gap
+        # round-off of the step accumulates with each multiple in the gap
         left = rest[rest > np.minimum(noise * np.maximum(1.0, gaps / step), 0.02 * step)]
         if not left.size:
             return step
@@ -82,7 +81,7 @@ def step_of(values: Array) -> float:
 
 
 def last_digit(value: float) -> float:
-    """Return the place of a number's last digit, inf for 0, which may be any.
+    """Return the place value of a number's last digit; inf for 0, which may have any.
 
     >>> last_digit(37.25), last_digit(1200.0)
     (0.01, 100.0)
@@ -93,14 +92,14 @@ def last_digit(value: float) -> float:
 
 
 def tolerances(one: Array, two: Array, steps: tuple[Array, Array] | None = None) -> Array:
-    """Return how far a number of one table may be from the same number in the other (c,).
+    """Return how far the same number may differ between two tables (c,).
 
-    Half the step of the coarser one; 0 but for round-off where it is not told.
+    Half the coarser step; only round-off where the step is unknown.
 
     Args:
         one: a table (N, c).
-        two: another (M, c) of the same columns.
-        steps: in which the columns of each are written (c,)  [default: as the numbers show].
+        two: another (M, c) with the same columns.
+        steps: step of each table's columns (c,)  [default: inferred from the numbers].
     """
     if steps is None:
         steps = (_steps(one), _steps(two))
@@ -111,14 +110,14 @@ def tolerances(one: Array, two: Array, steps: tuple[Array, Array] | None = None)
 
 
 def _steps(table: Array) -> Array:
-    """Return the steps of columns (c,), 0 where there is one number only: its digits tell none."""
+    """Return the steps of columns (c,), 0 where all values are equal: their digits show no step."""
     return np.array([step_of(c) or _decimals(c) if np.ptp(c) > 0.0 else 0.0 for c in table.T])
 
 
 def _decimals(values: Array) -> float:
-    """Return the last decimal of SI values (N,), in any unit, 0 where they have all digits.
+    """Return the last decimal place of SI values (N,) in any unit, 0 if all digits are used.
 
-    Where steps are very small beside the values, their differences do not tell.
+    For steps too small, relative to the values, for differences to show them.
     """
     size = float(np.abs(values).max())
     every = sorted({unit * 10.0**-digit for digit in range(10)
@@ -138,9 +137,9 @@ def partners(one: Array, two: Array, away: Array) -> tuple[Ints, Ints]:
     Args:
         one: a table (N, c) without nan.
         two: another (M, c).
-        away: how far numbers of one column may be apart.
+        away: largest difference in each column.
     """
-    from scipy.spatial import cKDTree  # slow to import, asked of several files only
+    from scipy.spatial import cKDTree  # slow to import, needed only with several files
 
     near: Any = cKDTree(one / away).query_ball_point(two / away, 1.0, p=np.inf)
     count = np.array([len(n) for n in near], dtype=np.int64)
@@ -151,8 +150,7 @@ def partners(one: Array, two: Array, away: Array) -> tuple[Ints, Ints]:
 def in_step(first: Ints, second: Ints, rows: int) -> Ints:
     """Return the partner of each row of the second table (rows,), -1 for none, in rising order.
 
-    Of all ways to pair rows such that both tables go on, the one with most pairs (Hunt and
-    Szymanski, 1977).
+    The longest pairing that keeps the order of both tables (Hunt and Szymanski, 1977).
 
     >>> in_step(np.array([0, 2, 1, 2]), np.array([0, 1, 2, 3]), 5).tolist()
     [0, -1, 1, 2, -1]

@@ -9,7 +9,7 @@ from ppmcal.model.mechanism import Mechanism
 
 
 def other_radii(mechanism: Mechanism) -> Iterator[tuple[Mechanism, tuple[str, ...], str]]:
-    """Yield machines with base, platform or both half or twice as wide: machine, ends, in words."""
+    """Yield machines with base, platform or both scaled by 0.5 or 2: machine, ends, description."""
     for ends in (("base",), ("platform",), ("base", "platform")):
         for factor, given, meant in ((0.5, "diameter", "radius"), (2.0, "radius", "diameter")):
             machine = scaled_points(mechanism, ends, factor)
@@ -20,9 +20,9 @@ def other_radii(mechanism: Mechanism) -> Iterator[tuple[Mechanism, tuple[str, ..
 
 
 def scaled_points(mechanism: Mechanism, ends: Sequence[str], factor: float) -> Mechanism | None:
-    """Return the machine with the joints of its base or platform farther out or further in.
+    """Return the machine with the joints of its base or platform scaled about the z axis.
 
-    None where no point of them is off the z axis. ``ends``: base, platform.
+    None if all those points are on the z axis. ``ends``: base, platform.
     """
     parameters, found = [], False
     for p in mechanism.parameters:

@@ -1,9 +1,9 @@
-"""What is one session, and what is one pose of it: decided here, and nowhere else.
+"""What counts as one session and as one pose in it: decided here, and nowhere else.
 
-A column `session` says it; without one each file is a session of its own, but for files that were
-written of one campaign: several targets of one body, seen at the same poses from one frame, and
-the heights and distances of one printer. Such files are one session. A pose that is held out of one
-is held out of all, and what happens between two poses happens in all of them at once.
+A column `session` decides it; without one each file is a session of its own, except files of one
+campaign: several targets of one body, seen at the same poses from one frame, and the heights and
+distances of one printer. Such files form one session. A pose held out of one file is held out of
+all, and an event between two poses happens in all files at once.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def session_masks(datasets: Sequence[Dataset]) -> list[tuple[str, list[Bools]]]:
     """Return label and rows, a mask (N,) by data set, of each session in order of appearance.
 
     A session column splits a file, and joins rows of several; without one each campaign is a
-    session, called by its files.
+    session, named after its files.
     """
     files: dict[str, list[str]] = {}
     for d in datasets:
@@ -39,29 +39,28 @@ def session_masks(datasets: Sequence[Dataset]) -> list[tuple[str, list[Bools]]]:
 
 
 def one_session() -> BadInput:
-    """Return what to say where sessions are to be left out and there is one only."""
+    """Return the error for leaving out sessions when there is only one."""
     return BadInput("there is only one session to leave out", "--leave-out",
-                    "Give files of several days, or a column `session`")
+                    "Give files from several days, or add a column `session`")
 
 
 def campaign(data: Dataset) -> str:
-    """Return what the files of one campaign have in common: the name of one of them."""
+    """Return the name shared by the files of one campaign: that of one of them."""
     return data.campaign or data.name
 
 
 def pose_labels(datasets: Sequence[Dataset]) -> list[Ints]:
-    """Return one number per commanded pose (N,) by data set, the same in files of one campaign."""
+    """Return one label per commanded pose (N,) by data set, shared by files of one campaign."""
     place: dict[str, int] = {}
     own = np.array([place.setdefault(campaign(d), len(place)) for d in datasets], dtype=np.int64)
     return [d.groups * len(place) + n for d, n in zip(datasets, own.tolist(), strict=True)]
 
 
 def as_campaigns(datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:
-    """Return data sets that know what they have in common, their rows on one time line.
+    """Return data sets grouped into campaigns, with their rows on one time line.
 
-    Rows are numbered through all files in their order; targets of one body that were seen at the
-    same poses share the numbers, and the labels of the poses. Targets of one file have them by its
-    rows.
+    Rows are numbered across all files in order; targets of one body seen at the same poses share
+    row numbers and pose labels. Targets in one file share them row by row.
     """
     owner = _owners(datasets)
     out, begin = list(datasets), 0
@@ -87,10 +86,10 @@ def as_campaigns(datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:
 
 
 def companions(datasets: Sequence[Dataset]) -> list[list[tuple[int, Ints]]]:
-    """Return the earlier data sets that saw the stands of each, and their rows there (N,), or -1.
+    """Return for each data set the earlier ones seen at its stops, and their rows (N,), or -1.
 
-    Two targets that were seen at one stand, whose joints were read once, have the noise of these
-    joints in common.
+    Two targets seen at one stop, at which the joints were read once, share the noise of the
+    joints.
     """
     key = [d.numbers() for d in datasets]
     out: list[list[tuple[int, Ints]]] = [[] for _ in datasets]
@@ -110,7 +109,7 @@ def companions(datasets: Sequence[Dataset]) -> list[list[tuple[int, Ints]]]:
 
 
 def targets_beside_others(datasets: Sequence[Dataset]) -> list[str]:
-    """Return the names of the data sets that are of one of several targets of a campaign."""
+    """Return the names of data sets whose target is one of several in their campaign."""
     mine = [d for d in datasets if d.campaign and _shows_poses(d)]
     several = Counter(d.campaign for d in mine)
     return [d.name for d in mine if several[d.campaign] > 1]
@@ -121,7 +120,7 @@ def _shows_poses(data: Dataset) -> bool:
 
 
 def _same_stand(mine: Ints, theirs: Ints, q: Array, other: Array) -> Ints:
-    """Return where in ``theirs`` (M,) the stands ``mine`` (N,) are, with the same joints; or -1."""
+    """Return the row in ``theirs`` (M,) of each stop in ``mine`` (N,) with equal joints, or -1."""
     stand, first = np.unique(theirs, return_index=True)
     if not stand.size or not mine.size:
         return np.full(mine.size, -1)
@@ -132,7 +131,7 @@ def _same_stand(mine: Ints, theirs: Ints, q: Array, other: Array) -> Ints:
 
 
 def _owners(datasets: Sequence[Dataset]) -> list[int]:
-    """Return the first of the data sets that saw the same poses, for each data set."""
+    """Return for each data set the first one that saw the same poses."""
     owner = list(range(len(datasets)))
     for i, data in enumerate(datasets):
         for j in range(i):
@@ -143,14 +142,14 @@ def _owners(datasets: Sequence[Dataset]) -> list[int]:
 
 
 def _one_file(one: Dataset, two: Dataset) -> bool:
-    """Whether one file said of both that they are targets of one body."""
+    """Whether both are targets of one body in one file."""
     return bool(one.body) and one.body == two.body
 
 
 def _other_target(one: Dataset, two: Dataset) -> bool:
     """Whether two files hold two targets of one body, seen at the same poses from one frame.
 
-    Or what encoders at other joints, or an inclinometer, read there.
+    Also true for readings of encoders at other joints, or of an inclinometer, at these poses.
     """
     if _one_file(one, two):
         return True
@@ -162,10 +161,10 @@ def _other_target(one: Dataset, two: Dataset) -> bool:
     targets = one.target, two.target
     if not beside and not any(t.fitted for t in targets) and np.array_equal(
             targets[0].value, targets[1].value):
-        return False    # the same mark again: the poses were driven to twice
+        return False    # the same target again: the poses were visited twice
     if not _at_one_time(one, two):
         return False
-    # most rows of the shorter one are of poses that the other visits in that order
+    # most rows of the shorter file are poses that the other visits in the same order
     return int((_places(one, two) >= 0).sum()) > 0.5 * min(len(one), len(two))
 
 
@@ -178,7 +177,7 @@ def _one_frame(one: Dataset, two: Dataset) -> bool:
 
 
 def _at_one_time(one: Dataset, two: Dataset) -> bool:
-    """Whether the times of two files overlap, as far as they are known."""
+    """Whether the times of two files overlap, or are unknown."""
     times = [d.columns["time"] for d in (one, two) if "time" in d.columns]
     times = [t[np.isfinite(t)] for t in times]
     if len(times) < 2 or not all(t.size for t in times):
@@ -187,13 +186,13 @@ def _at_one_time(one: Dataset, two: Dataset) -> bool:
 
 
 def _told(data: Dataset) -> Array:
-    """Return what the machine was told, joint values or a commanded pose (N, c)."""
+    """Return the commands, joint values or a commanded pose (N, c)."""
     parts = [data.q, *(p for p in (data.commanded, data.to_q) if p is not None)]
     return np.nan_to_num(np.concatenate(parts, axis=1))
 
 
 def _places(one: Dataset, two: Dataset) -> Ints:
-    """Return where in ``one`` each row of ``two`` was measured (N,), in order; -1: nowhere."""
+    """Return the row of ``one`` at the pose of each row of ``two`` (N,), in order; -1: none."""
     told = _told(one), _told(two)
     if told[0].shape[1] != told[1].shape[1]:
         return np.full(len(two), -1)
@@ -203,10 +202,10 @@ def _places(one: Dataset, two: Dataset) -> Ints:
 
 
 def _beside(data: Dataset, first: Dataset) -> Dataset:
-    """Return a data set with the numbers of rows, and the labels of poses, of ``first``."""
+    """Return a data set with the row numbers and pose labels of ``first``."""
     place = _places(first, data)
     known = np.flatnonzero(place >= 0)
-    # a row that the other has not was measured after the last one that it has
+    # a row without a counterpart was measured after the last one with a counterpart
     last = np.maximum(np.searchsorted(known, np.arange(len(data)), side="right") - 1, 0)
     labels, group = np.unique(data.groups, return_inverse=True)
     new = int(first.groups.max(initial=-1)) + 1 + np.arange(labels.size)
@@ -218,7 +217,7 @@ def _beside(data: Dataset, first: Dataset) -> Dataset:
 def _heights_and_distances(datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:
     """Return data sets, the heights and the distances of a printer as one campaign.
 
-    Of several files of heights nobody knows which of them the distances belong to.
+    With several files of heights, it is unknown which of them the distances belong to.
     """
     plain = [d for d in datasets if not d.sessions]
     found = [d for d in plain if d.kind.touches], [d for d in plain if d.kind.along_line]

@@ -1,4 +1,4 @@
-"""Where a scenario measures: circles, grids, helices, random poses, lists, as joint values."""
+"""The poses of a scenario: circles, grids, helices, random poses, lists, as joint values."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ppmcal.wording.progress import stage
 MOST_TRIALS = 200
 HOPELESS_TRIALS = 10
 SAMPLE = 5000
-"""Poses that are tried before more are drawn."""
+"""Poses tried before drawing more."""
 
 
 @stage("choosing poses")
@@ -23,10 +23,10 @@ def commands(mechanism: Mechanism, scenario: Scenario, rng: np.random.Generator
              ) -> tuple[Array, list[str], Listed | None]:
     """Return the joint values (N, k) of the wanted poses, and why others were left out.
 
-    Of a file also its rows that can be measured, with their settings.
+    For a file also its measurable rows, with their settings.
 
-    Random poses are drawn until there are enough that can be measured; of the other
-    patterns, poses outside limits or near singularities are left out.
+    Random poses are drawn until enough are measurable; in other patterns, poses outside limits or
+    near singularities are left out.
     """
     shape = scenario.poses
     model = Model(mechanism)
@@ -63,7 +63,7 @@ def _random_commands(model: Model, shape: Random, scenario: Scenario, rng: np.ra
 
 
 def _refuse_hopeless(model: Model, shape: Random, scenario: Scenario) -> None:
-    """Refuse a box without a pose in a sample of it, before millions are drawn of it."""
+    """Reject a box if no pose of a sample is measurable, before drawing millions from it."""
     if shape.count <= SAMPLE:
         return
     draw = np.random.default_rng(0).uniform(-1.0, 1.0, (SAMPLE, 6))
@@ -85,7 +85,7 @@ def pose_list(shape: Circle | GridPattern | Helix | Listed) -> Array:
     phase = np.arange(shape.count) / max(shape.count, 1)
     if isinstance(shape, Circle):
         angle = 2.0 * np.pi * phase
-        # the other coordinates go through one period, a quarter out of step with each other
+        # the other coordinates go through one period, out of phase with each other
         lag = np.arange(6) * np.pi / 3.0
         poses = shape.center + shape.swing * np.sin(angle[:, None] + lag)
         poses[:, 0] += shape.radius * np.cos(angle)

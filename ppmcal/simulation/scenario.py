@@ -1,4 +1,4 @@
-"""A scenario as plain data, SI: what simulate is to measure (contract section 3)."""
+"""A scenario as plain data, SI: what simulate measures (contract section 3)."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from ppmcal.units import Units
 
 @dataclass(frozen=True)
 class Circle:
-    """``count`` poses on a circle in the x-y plane; the rest goes through one period.
+    """``count`` poses on a circle in the x-y plane; other coordinates go through one period.
 
-    ``center`` (6,), nan where left to be solved for; ``swing`` (6,) amplitudes; ``radius`` m.
+    ``center`` (6,), nan where to be solved for; ``swing`` (6,) amplitudes; ``radius`` m.
     """
 
     center: Array
@@ -50,7 +50,7 @@ class GridPattern:
 
 @dataclass(frozen=True)
 class Random:
-    """``count`` poses drawn evenly from center ± half_range, (6,) each."""
+    """``count`` poses drawn uniformly from center ± half_range, (6,) each."""
 
     center: Array
     half_range: Array
@@ -80,10 +80,10 @@ class Helix:
 
 @dataclass(frozen=True)
 class Listed:
-    """Poses of a file, (N, 6), nan where left empty, each measured as its other columns say.
+    """Poses of a file, (N, 6), nan where left empty, with settings from its other columns.
 
-    ``columns``: ``dir_...``, ``vel_...``, ``payload``, ``temperature`` in SI (N,), as far as the
-    file has them; ``labels``: its column ``pose`` (N,), or None.
+    ``columns``: ``dir_...``, ``vel_...``, ``payload``, ``temperature`` in SI (N,), those present in
+    the file; ``labels``: its column ``pose`` (N,), or None.
     """
 
     poses: Array
@@ -117,23 +117,23 @@ class Scenario:
         error_scale: draw errors from the tolerances times this, or None.
         kind: of instrument.
         sigma_position, sigma_rotation: noise of the instrument, 0 where none, m and rad.
-        sigma_value: noise of a height, distance or joint's reading, m or rad.
+        sigma_value: noise of a height, distance or joint reading, m or rad.
         sigma_actuator: noise of the joints (k,), unit of q.
-        tracker: noise of a tracker's distances and angles, m and rad, or None; station: where it
-            stands in the measuring frame (3,).
+        tracker: noise of a tracker's distances and angles, m and rad, or None; station: its
+            position in the measuring frame (3,).
         point: the fixed point of a distance instrument (3,); point_known: whether the
             sidecar gives it.
         pairs: distances are between two platform positions.
-        offset: what an encoder at a joint reads more than is true, rad or m.
+        offset: reading of an encoder at a joint minus the true value, rad or m.
         frame: the base's pose in the measuring frame (6,); frame_known: left at the default.
         target, target_rotation: (3,) each; target_known, target_rotation_known likewise.
-        targets: of several targets on the platform each one's point (3,) by name, in place of
+        targets: points (3,) by name, if several targets are on the platform, in place of
             ``target``.
         ar, outliers, tails: correlation of successive noise, share of outliers, ``normal`` or
             ``t4``.
         repeats: measurements per pose; approach: ``both``, ``sequence`` or ``one``.
-        payload: kg, the loads to go through, or empty.
-        tension: N, the mean tensions of ropes to go through, or empty.
+        payload: kg, the loads to apply in turn, or empty.
+        tension: N, the mean rope tensions to apply in turn, or empty.
         temperature: (mean in K, swing in K) or None.
         velocity: largest speed of each joint at the trigger (k,), 0 where at rest.
         with_effects: the machine with the effects that act on it.
@@ -177,5 +177,5 @@ class Scenario:
 
     @property
     def places(self) -> Mapping[str, Array]:
-        """The targets (3,) by name; of a single one, which has none, the name is empty."""
+        """The targets (3,) by name; the name of a single one is empty."""
         return self.targets or {"": self.target}

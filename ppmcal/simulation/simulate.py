@@ -1,8 +1,8 @@
 """Simulated measurements of a machine whose true geometry is not the nominal one.
 
-The controller turns wanted poses into joints with the nominal machine; the true machine
-goes where its own closure puts it; the instrument sees that pose from its frame, at its
-target, with noise. What was true is kept apart, in truth.json.
+The controller converts wanted poses to joint values with the nominal machine; the true machine
+goes where its own closure puts it; the instrument measures that pose from its frame, at its
+target, with noise. The true values are kept separately, in truth.json.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ OUTLIER_SIGMAS = 20.0
 class Campaign:
     """A simulated campaign of N rows, SI.
 
-    ``pose`` labels (N,); ``q`` as the controller believes it (N, k); ``position`` (N, 3) and
-    ``rotation`` vector (N, 3) as measured, or angles in the places of their coordinates;
-    ``targets``: the same by name, where several are on the platform: ``position`` and
-    ``rotation`` are the first one's;
-    ``value`` a height, distance or a joint's reading (N,), else nan;
+    ``pose`` labels (N,); ``q`` according to the controller (N, k); ``position`` (N, 3) and
+    ``rotation`` vector (N, 3) as measured, or angles, each in the component of its coordinate;
+    ``targets``: the same by name, if several are on the platform: ``position`` and ``rotation``
+    are those of the first;
+    ``value`` a height, distance or joint reading (N,), otherwise nan;
     ``to_q`` (N, k) joint values at the other end of a distance between two positions;
     ``direction`` of approach by joint (N, k);
-    ``velocity`` of the joints at the trigger (N, k); ``tension`` of ropes (N, k), N, nan of other
+    ``velocity`` of the joints at the trigger (N, k); ``tension`` of ropes (N, k), N, nan for other
     joints, or None; ``payload`` kg, ``temperature`` K,
     ``time`` s (N,); ``outlier`` rows; ``with_effects`` the machine with its effects and ``g`` its
     true parameters (P,); ``left_out`` reasons for poses that could not be measured.
@@ -79,7 +79,7 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
 
     Args:
         mechanism: the machine as the controller knows it (its nominals).
-        scenario: what to measure and with what.
+        scenario: what to measure and with which instrument.
         seed: in place of the scenario's.
 
     Raises:
@@ -104,7 +104,7 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
         scenario, time)
     velocity = _own(own, "vel", mechanism,
                     direction * scenario.velocity * _speeds(scenario, direction.shape, rng), order)
-    # of two positions in a row nobody says which came first
+    # for two positions in one row, the order is unknown
     visited = np.full_like(direction, np.nan) if scenario.pairs else q[order]
     rows = replace(
         _environment(mechanism, direction, velocity, payload, temperature, time, visited),
@@ -123,7 +123,7 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
     keep = finite_rows(actual) & finite_rows(ends)
     if not keep.all() and remembers(with_effects):
         raise BadInput(f"pose {order[~keep][0]} cannot be reached, and an effect depends on the "
-                       "way to and from it", f"{scenario.source}: poses",
+                       "moves to and from it", f"{scenario.source}: poses",
                        "Choose poses further inside")
     if not keep.any():
         raise NoResult("the machine with these errors cannot reach any of the poses",
@@ -153,7 +153,7 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
 
 def _own(own: Mapping[str, Array], what: str, mechanism: Mechanism, rest: Array, order: Ints
          ) -> Array:
-    """Return directions or speeds (rows, k): those of the file of poses, else ``rest``."""
+    """Return directions or speeds (rows, k): those of the file of poses, otherwise ``rest``."""
     out = rest.copy()
     for a, name in enumerate(mechanism.actuators):
         if f"{what}_{name}" in own:
@@ -162,7 +162,7 @@ def _own(own: Mapping[str, Array], what: str, mechanism: Mechanism, rest: Array,
 
 
 def _once(scenario: Scenario, own: Mapping[str, Array]) -> None:
-    """Refuse settings that both the scenario and its file of poses give."""
+    """Reject settings that are both in the scenario and in its file of poses."""
     twice = {"payload": ("conditions.payload", bool(scenario.payload)),
              "temperature": ("conditions.temperature", scenario.temperature is not None),
              "tension": ("conditions.tension", bool(scenario.tension)),
@@ -177,17 +177,17 @@ def _once(scenario: Scenario, own: Mapping[str, Array]) -> None:
 
 
 def _displaced(pose: Array, shift: Shift | None, target: str) -> Array:
-    """Return poses (n, 8) as the instrument has them, by what has moved of one target."""
+    """Return poses (n, 8) as seen by the instrument, with the displacements of one target."""
     return displaced(pose, None if shift is None else shift.of(target))
 
 
 def _measured(pose: Array, other: Array, stretch: Array | None, target: Array,
               mechanism: Mechanism, scenario: Scenario, rng: np.random.Generator
               ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Return what the instrument shows of a target (3,) at poses (n, 8), and which are outliers.
+    """Return the instrument's readings of a target (3,) at poses (n, 8), and which are outliers.
 
-    Positions (n, 3), rotation vectors (n, 3), heights or distances (n,), those between two
-    positions to the poses ``other``.
+    Positions (n, 3), rotation vectors (n, 3), heights or distances (n,); distances between two
+    positions are to the poses ``other``.
     """
     registration = Registration.of_pose(scenario.frame, target, scenario.target_rotation)
     position, turn = predict(registration, pose)
@@ -210,12 +210,12 @@ def _measured(pose: Array, other: Array, stretch: Array | None, target: Array,
 def _visited(model: Model, q: Array, rows: Environment, scenario: Scenario,
              rng: np.random.Generator
              ) -> tuple[Array, Array, Shift | None, JointReading | None]:
-    """Return joint values as recorded, poses (N, 8) reached, and what effects add there.
+    """Return joint values as recorded, poses (N, 8) reached, and the shifts of effects there.
 
-    And how the joint reads that an encoder is at, where there is one.
+    Also the reading of a joint with an encoder, if there is one.
 
-    ``q`` (N, k) are the commands. A machine with surplus equations records where its limbs are,
-    but for what they gap.
+    ``q`` (N, k) are the commands. A redundant machine records where its limbs are, except for
+    their gaps.
     """
     q, real = consistent_joints(model, q, rows)
     gaps = model.mechanism.gap_sigma
@@ -248,22 +248,22 @@ def _environment(mechanism: Mechanism, direction: Array, velocity: Array, payloa
 
 
 def _recorded(with_effects: Mechanism, rows: Environment, scenario: Scenario) -> None:
-    """Refuse effects that depend on what the scenario does not set."""
+    """Reject effects that depend on conditions that the scenario does not set."""
     tight = "conditions: {tension: [20, 80]}"
     hint = {f"tension_{a}": tight for a in with_effects.actuators} | {
             "payload": "conditions: {payload: [0, 20]}",
             "temperature": "conditions: {temperature: {mean: 20, swing: 4}}"}
     missing = missing_columns(with_effects, rows)
     if ORDER in missing:
-        raise BadInput("an effect depends on the way from row to row, which the scenario leaves "
-                       "open", f"{scenario.source}: approach", f"Write `{ORDER}`")
+        raise BadInput("an effect depends on the order of the rows, which the scenario does not "
+                       "set", f"{scenario.source}: approach", f"Write `{ORDER}`")
     if missing:
         raise BadInput(f"an effect depends on {missing[0]}, which the scenario does not set",
                        f"{scenario.source}: conditions", f"Add `{hint[missing[0]]}`")
 
 
 def _speeds(scenario: Scenario, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
-    """Return joint speeds from a fifth of the largest up, as parts of it; drawn if needed."""
+    """Return random joint speeds as fractions of the largest, from a fifth up; 0 if none is set."""
     if not np.any(scenario.velocity):
         return np.zeros(shape)
     return rng.uniform(0.2, 1.0, shape)
@@ -272,7 +272,7 @@ def _speeds(scenario: Scenario, shape: tuple[int, ...], rng: np.random.Generator
 def true_parameters(mechanism: Mechanism, scenario: Scenario, rng: np.random.Generator) -> Array:
     """Return the true parameters (P,): nominal, named errors, errors drawn from tolerances.
 
-    Effects have the values that the files give; they come last.
+    Effects have the values given in the files; they come last.
     """
     with_effects = scenario.with_effects
     g = with_effects.nominals.copy()
@@ -298,7 +298,7 @@ def _visits(q: Array, scenario: Scenario, rng: np.random.Generator
     """Return pose label, direction of approach (rows, k), payload and tension of every row."""
     sides = (1.0, -1.0) if scenario.approach == "both" else (1.0,)
     pulls = scenario.tension or (0.0,)
-    # under each payload ropes are pulled by each tension
+    # each tension is applied under each payload
     loads = np.repeat(scenario.payload or (0.0,), len(pulls))
     n, k = q.shape
     order = np.repeat(np.arange(n), scenario.repeats * len(sides) * len(loads))
@@ -319,10 +319,10 @@ def _visits(q: Array, scenario: Scenario, rng: np.random.Generator
 
 def _tensions(mechanism: Mechanism, q: Array, rows: Environment, pull: Array | None,
               own: Mapping[str, Array]) -> Array | None:
-    """Return what force sensors of ropes show (N, k), N, nan of other joints; None: there are none.
+    """Return readings of rope force sensors (N, k), N, nan for other joints; None without sensors.
 
-    Ropes are pulled tight evenly, by ``pull`` (N,) in the mean, and share the load; ``own``:
-    columns of a file of poses, which say it instead.
+    Ropes are tensioned evenly, by ``pull`` (N,) on average, and share the load; ``own``: columns of
+    a file of poses, which take precedence.
     """
     if any(name.startswith("tension_") for name in own):
         blank = np.full(len(q), np.nan)
@@ -369,7 +369,7 @@ def _turned(turn: Array, error: Array, mechanism: Mechanism) -> Array:
 
 
 def _draw(rng: np.random.Generator, tails: str, shape: tuple[int, int]) -> Array:
-    """Noise of unit variance; t4 has variance 2 before scaling."""
+    """Return noise of unit variance; t4 has variance 2 before scaling."""
     if tails == "t4":
         return np.asarray(rng.standard_t(4, size=shape) / np.sqrt(2.0), dtype=np.float64)
     return rng.normal(size=shape)

@@ -321,7 +321,7 @@ def test_machines_that_never_tilt_are_refused():
     tree = yaml.safe_load((ROOT / "configs" / "delta-linear.yaml").read_text(encoding="utf-8"))
     with pytest.raises(BadInput, match="translational machine never tilts"):
         read(tree, ANGLES, TILT)
-    with pytest.raises(BadInput, match="needs weight"):
+    with pytest.raises(BadInput, match="needs gravity"):
         read(file_of("3-RPR", gravity=[0, 0, -1]), {"roll": ANGLES["roll"]}, TILT)
 
 

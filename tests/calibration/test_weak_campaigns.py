@@ -122,7 +122,7 @@ def test_the_pattern_of_the_one_degree_that_is_left(tmp_path: Path) -> None:
     assert "1 degree of freedom is left" in said
     assert "3-theta pattern" in said
     assert "base.direction.rx" in said
-    assert "more touches would tell" in said
+    assert "more touches would decide" in said
 
 
 @pytest.mark.slow

@@ -358,7 +358,7 @@ def test_a_map_has_its_pictures_and_the_right_place(tmp_path: Path) -> None:
     (("--grid", "x=1:2:1"), "fewer than 2"),
     (("--grid", "x=a:b"), "not a number"),
     (("--grid", "x,x"), "twice"),
-    (("--grid", "x=0:1:3000,y=0:1:3000"), "2,000,000 are the limit"),
+    (("--grid", "x=0:1:3000,y=0:1:3000"), "the limit is 2,000,000"),
     (("--grid", ""), "names no coordinate"),
     (("--tool", "1"), "is not a point"),
     (("--tool", "nan,0"), "is not a point"),

@@ -40,7 +40,7 @@ def test_rows_out_rows_back_and_a_fit_that_stopped_are_said() -> None:
     assert "2 of 50 rows left out" in said(fit_with(out), fit_with(out))[0]
     words = said(fit_with(out), fit_with(back))
     assert "1 of 50 rows left out" in words[0]
-    assert "1 row that a fit of geometry alone left out is explained by the effects" in words[1]
+    assert "1 row left out by the fit of geometry alone is explained by the effects" in words[1]
     assert "not converged after 60" in said(fit_with({}), fit_with({}, converged=False))[-1]
     once = said(fit_with({}), fit_with({}, converged=False, iterations=1))
     assert once[-1] == "the fit had not converged after 1 iteration"
@@ -70,7 +70,7 @@ def test_what_geometry_imitates_is_said_once() -> None:
                                           hypothesis=SimpleNamespace(called=k)) for k, s in
                     (("gain", 0.1), ("gain", 0.19), ("lag", 0.21), ("play", 0.01))]
     said, = findings(fit, fit, remainder(), effects, None, out)
-    assert said.startswith("gain, play: geometry imitates most of it")
+    assert said.startswith("gain, play: geometry absorbs most of it")
     assert findings(fit, fit, remainder(), effects[2:3], None, out) == []
     doubt: Any = SimpleNamespace(confirmed=False)
     said, = findings(fit, fit, remainder(), effects[2:3], doubt, out)

@@ -71,6 +71,6 @@ def test_touches_hold_no_part_of_a_way_in_height(tmp_path: Path) -> None:
     fit = identify(with_whole_rows(problem))
     system = build(fit.problem, fit.state, fit.keep)
     parts = [c for c in UnknownCauses(system, [p.setting for p in system.firsts]).causes
-             if c.label.startswith("readings that hold a part of the way")]
+             if c.label.startswith("readings that include part of the move")]
     assert [c.width for c in parts] == [2, 4, 2, 4]
     assert {(c.low, c.high) for c in parts} == {(0.0, 1.0)}

@@ -17,8 +17,8 @@ from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.unknown_causes import UnknownCauses
 
-FINE = "a function of travel too fine to be seen acting on "
-SCATTER = "something that differs from row to row acting on "
+FINE = "a function of travel too fine to resolve acting on "
+SCATTER = "a scatter from row to row acting on "
 
 
 def found(period: float) -> Round:

@@ -27,7 +27,7 @@ from ppmcal.kinematics.tables import inverse_table, pose_vector
 pytestmark = pytest.mark.slow
 CONFIG = ROOT / "configs" / "3-RPR.yaml"
 BENCH = read_mechanism(CONFIG)
-UNKNOWN = "where the play stood is not known"
+UNKNOWN = "the state of the play is unknown"
 WIDTH, SIGMA, ROWS = 0.08, (0.002, 0.0005), 80
 
 

@@ -159,7 +159,7 @@ def test_a_target_without_a_name_is_refused(tmp_path: Path) -> None:
     (tmp_path / "model.yaml").write_text(yaml.safe_dump(content))
     run = ppmcal("check", "model.yaml", cwd=tmp_path)
     assert run.code == 2
-    assert "effects[1].target" in run.err and "no name of a target" in run.err
+    assert "effects[1].target" in run.err and "not the name of a target" in run.err
 
 
 @pytest.mark.parametrize(("name", "free", "level"), [

@@ -66,7 +66,7 @@ def test_noise_is_how_readings_repeat_at_a_place_whatever_places_add(quiet):
     data, = quiet[0].datasets
     assert 1e3 * data.sigma_actuator == pytest.approx(4 * [NOISE], rel=0.15)
     assert not data.estimated
-    assert len(quiet[1]) == 1 and quiet[1][0].endswith("mm, as readings repeat at one place.")
+    assert len(quiet[1]) == 1 and quiet[1][0].endswith("mm, from repeated readings at one place.")
 
 
 @pytest.mark.slow

@@ -83,7 +83,7 @@ def test_a_changed_pull_is_told_by_session(tmp_path):
     strain = [s["parameters"]["strain"] for s in found["effects"][0]["sessions"]]
     assert len(strain) == 3
     assert strain[2]["low"] > strain[0]["high"] or strain[2]["high"] < strain[0]["low"]
-    assert any("is not the same in all sessions" in text for text in found["findings"])
+    assert any("differs between sessions" in text for text in found["findings"])
 
 
 @pytest.mark.long

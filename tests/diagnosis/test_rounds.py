@@ -82,10 +82,10 @@ def test_a_column_that_geometry_makes_is_not_seen() -> None:
 def answered(*members: tuple[float, set[int]]) -> Round:
     """Return a round with a backlash (0) in its one place, and what else may be there.
 
-    That is friction (1, 2), or a slow course (3) alone or beside a lag (4).
+    That is friction (1, 2), or a slow drift (3) alone or beside a lag (4).
     """
     families = ("backlash", "friction", "friction", UNKNOWN_FAMILY, "lag")
-    sources = tuple(UnknownCause("a slow course", 1, (), 1.0) if f == UNKNOWN_FAMILY
+    sources = tuple(UnknownCause("a slow drift", 1, (), 1.0) if f == UNKNOWN_FAMILY
                     else Hypothesis(f, (f"leg{n}",), True, ("size",), (0.0,), (1.0,), (n,))
                     for n, f in enumerate(families))
     blocks = tuple(Block(f"{f} {n}", f, (n,), 0.0) for n, f in enumerate(families))

@@ -64,7 +64,7 @@ def test_probabilities_name_what_was_there_on_one_day(tmp_path: Path) -> None:
     assert (one["kind"], one["on"]) == ("backlash", ["leg1"]) and not found["unknown"]
     sizes = {s["session"]: s["parameters"]["width"]["value"] for s in one["sessions"]}
     assert abs(sizes["s"]) < 0.01 and abs(sizes["t"] - 0.03) < 0.01
-    (told,) = (f for f in found["findings"] if "is not the same in all sessions" in f)
+    (told,) = (f for f in found["findings"] if "differs between sessions" in f)
     assert told.startswith("backlash on leg1 is not") and "mm in s" in told and "mm in t" in told
 
 
@@ -167,7 +167,7 @@ def test_what_differs_between_sessions_names_its_own_actuator(
     monkeypatch.setattr(session_effects, "session_effects", lambda fit, named: differs)
     fit = SimpleNamespace(problem=SimpleNamespace(mechanism=mechanism))
     _, told = session_effects.with_sessions(fit, effects)
-    assert [t.partition(" is not")[0] for t in told] == ["gain on leg1", "gain on leg2"]
+    assert [t.partition(" differs")[0] for t in told] == ["gain on leg1", "gain on leg2"]
 
 
 @pytest.mark.slow

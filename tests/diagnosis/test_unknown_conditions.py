@@ -50,7 +50,7 @@ def test_joints_that_all_warm_up_are_no_shifts_of_their_zeros() -> None:
                        * np.array([1.0, -1.0, 1.0]))
 
     place, = found(warming).places
-    assert place.label == "a start-up transient of the zero of each joint, each its own"
+    assert place.label == "a start-up transient of the zero of each joint individually"
     assert not place.named
 
 
@@ -67,7 +67,7 @@ def test_the_move_before_the_last_is_no_gain() -> None:
         return joint(data, 0, 6.0 * sigma * np.concatenate([[0.0, 0.0], way[:-1]]))
 
     places = found(behind).places
-    assert places[0].label == "a function of the way of the move before the last acting on leg1"
+    assert places[0].label == "a function of the move before last acting on leg1"
     assert not any(p.named for p in places)
 
 
@@ -78,7 +78,7 @@ def test_readings_that_come_the_later_the_longer_are_told_as_that() -> None:
 
     place, = found(late).places
     assert place.label == (
-        "readings that hold a part of the way from the row before, another at its end")
+        "readings that include part of the move from the previous row, changing over the campaign")
     assert not place.named
 
 

@@ -73,7 +73,7 @@ def test_a_wave_that_turns_faster_along_the_stroke_is_no_row_of_waves() -> None:
 
 
 @pytest.mark.parametrize(("ahead", "row"), [
-    (True, "to the next row"), (False, "from the row before")])
+    (True, "to the next row"), (False, "from the previous row")])
 def test_what_is_read_while_the_machine_moves_is_no_scale(ahead: bool, row: str) -> None:
     def early(data: Dataset, sigma: Array) -> Dataset:
         seen = data.position.copy()
@@ -83,7 +83,7 @@ def test_what_is_read_while_the_machine_moves_is_no_scale(ahead: bool, row: str)
             f"dir_leg{n}": np.full(len(data), np.nan) for n in (1, 2, 3)}})
 
     place, = found(early).places
-    assert place.label == f"readings that hold a part of the way {row}" and not place.named
+    assert place.label == f"readings that include part of the move {row}" and not place.named
 
 
 def test_a_kink_within_a_stroke_is_no_gain() -> None:
@@ -115,5 +115,5 @@ def test_heat_that_moves_each_leg_by_another_course_is_one_cause() -> None:
         return replace(data, q=data.q - 0.8 * sigma[:, None] * warmth[:, None]**2 * [1.0, 2.0, 3.0])
 
     place, = found(warmed, temperature=warmth).places
-    assert place.label == "a function of temperature acting on each joint, each its own"
+    assert place.label == "a function of temperature acting on each joint individually"
     assert not place.named

@@ -16,6 +16,6 @@ def test_play_that_ways_take_up_in_part_has_no_name() -> None:
     made = hide("3-PRR-1", 60378069, ["play_memory"], 1.0, Options(poses=90), "one")
     place, *left = last_round(made.mechanism, made.dataset).places
     assert place.label == (
-        "a function of the way from the row before by direction acting on leg2")
+        "a function of the move from the previous row by direction acting on leg2")
     assert all("unknown" in m.family for m in place.members)
     assert all(p.label.endswith("acting on leg2") and not p.named for p in left)

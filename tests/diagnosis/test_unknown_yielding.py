@@ -1,4 +1,4 @@
-"""What gives way to the load in no way that the library has."""
+"""An elastic response to the load that the library does not contain."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ppmcal.diagnosis.explanation import Round
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.recorded import with_whole_rows
 
-YIELDS = "something that gives way to the load"
+YIELDS = "an elastic response to the load"
 
 
 def found(answers: np.ndarray) -> Round:

@@ -173,7 +173,7 @@ def test_a_temperature_that_most_rows_lack(tmp_path: Path) -> None:
     run, found = diagnose(tmp_path)
     assert not any("temperature" in r for r in not_used(tmp_path).values())
     assert run.code == 1
-    assert any("temperature is known in 30 of 120 rows only: not used" in f
+    assert any("temperature is known in only 30 of 120 rows: not used" in f
                for f in found["findings"])
     assert "leg_thermal" in {e["kind"] for e in found["not_testable"]}
     assert not found["effects"]

@@ -208,7 +208,7 @@ def test_joints_that_there_are() -> None:
             (None, planar, "the joint that the encoder is at is missing", "at: leg1.joint1"),
             ("leg1.joint3", hexapod, "no joint 'joint3'", "leg1.joint1"),
             ("leg1.joint2", offset_joints("(R)US", "platform"), "is a ball", "another joint"),
-            ("leg1.joint1", hexapod, "does not say how its first axis lies", "base.axis")):
+            ("leg1.joint1", hexapod, "does not give the direction of its first axis", "base.axis")):
         with pytest.raises(BadInput, match=said) as told:
             joint.located(at_, machine, "a.yaml")
         assert told.match(hint)

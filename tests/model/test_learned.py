@@ -141,7 +141,7 @@ BAD = [({"input": "humidity"}, "input", "unknown input 'humidity'"),
        ({"by": "temperature", "by_nodes": [10, 30]}, "values", "is not 5 by 2 numbers"),
        ({"by": "temperature", "by_nodes": [30, 10]}, "by_nodes", "do not rise"),
        ({"by_nodes": [10, 30]}, "by_nodes", "second input, which is not named"),
-       ({"by": "travel"}, "by", "second input is the first"),
+       ({"by": "travel"}, "by", "second input equals the first"),
        ({"input": "x", "by": "load", "acts": "z"}, "acts", "each joint's load cannot act on z"),
        ({"knots": []}, "", "unknown key 'knots'")]
 

@@ -78,7 +78,7 @@ def test_they_are_told_in_the_order_of_the_contract() -> None:
     (("x", "z"), True), (("x", "pitch"), False)])
 def test_coordinates_that_nothing_could_compute_with(coordinates: tuple[str, ...],
                                                      planar: bool) -> None:
-    with pytest.raises(ValueError, match="motion 'odd' has the coordinates"):
+    with pytest.raises(ValueError, match="motion 'odd' has unsupported coordinates"):
         Motion("odd", coordinates, planar)
 
 

@@ -54,7 +54,7 @@ def test_what_wanders_in_time_is_no_row_of_events(tmp_path: Path, case: str, mac
     """A stand that sways, a leg that settles: two or three steps make it up."""
     found = diagnosed(tmp_path, case, machine, seed).record
     assert found.verdict == "unnamed"
-    assert found.unknown and all(u.looks_like.startswith(("a slow course", "a start-up transient"))
+    assert found.unknown and all(u.looks_like.startswith(("a slow drift", "a start-up transient"))
                                  for u in found.unknown)
 
 
@@ -80,7 +80,7 @@ def test_directions_that_are_inverted_in_a_part_of_the_rows(tmp_path: Path) -> N
     assert mistake.columns[0].startswith("dir_")
     assert mistake.rows[0] <= 3
     assert abs(mistake.rows[-1] - 48) <= 3
-    assert "another sign than in the other rows" in str(refused.value)
+    assert "the opposite sign to the other rows" in str(refused.value)
 
 
 @pytest.mark.long

@@ -84,5 +84,5 @@ COMMAND = Command(
     shares={"reading the measurements": 0.05,
             "comparing the measurements with the nominal machine": 0.1,
             "choosing what to fit": 0.01, "fitting geometry": 0.5,
-            "asking which causes are in the data": 10.3, "judging the campaign": 0.1,
+            "searching for causes in the data": 10.3, "judging the campaign": 0.1,
             "writing the results": 1.6})

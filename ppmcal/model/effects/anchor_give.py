@@ -1,6 +1,6 @@
-"""A frame that gives at its anchors, towards the platform, by the tension of each rope.
+"""Frame compliance at the anchors: each gives towards the platform with the tension of its rope.
 
-The tensions are those of a stretch of ropes; the size is that under the ropes that pull.
+Tensions as in ``rope_stretch``; the size refers to the ropes that pull.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ ANCHOR_GIVE = register(EffectKind(
     "anchor_give", "du = give f/pull, f the rope's tension where the ropes `on` pull and the "
     "others hold", f"a frame that gives at its anchors towards the platform; {STATICS}",
     fixed_list(EffectParameter("give", "length", low=0.0, usual=(0.0, 0.05), size=1e-5,
-                               why="posts and arms of some metres give some millimetres")),
+                               why="posts and arms a few metres long give a few millimetres")),
     (), per_tension("give", np.ones_like), title="frame that gives under the ropes",
-    remedy="pull with another force, or measure an anchor's place while the ropes pull",
+    remedy="pull with another force, or measure an anchor's position while the ropes pull",
     worked=Worked({"give": 4e-3}, {"travel": 2.0, "tension": 1.5}, 6e-3),
     joints="ropes", opposed=True, uses_load=True))

@@ -1,4 +1,4 @@
-"""Backlash: where the joint ends differs by the play between its two directions of approach."""
+"""Backlash: the joint's position differs by the play between its two directions of approach."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ppmcal.model.effects.setting import Setting
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
-    """Du = s width/2; below 0 the joint stays behind what its encoder reads."""
+    """Du = s width/2; a negative width means that the joint lags its encoder reading."""
     return linear(values, {"width": setting.at_joints(0.5 * setting.approach, on)})
 
 

@@ -1,4 +1,4 @@
-"""Compliance of the frame: platform or base gives way in proportion to the wrench."""
+"""Compliance of the frame: platform or base deflects in proportion to the wrench."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from ppmcal.model.effects.setting import PLACE, Setting, Shift
 from ppmcal.model.motions import Motion
 
 WRENCH = {"x": "fx", "y": "fy", "z": "fz", "rx": "mx", "ry": "my", "rz": "mz"}
-"""What works along a coordinate."""
+"""The wrench component conjugate to each coordinate."""
 COLUMN = {"fx": 0, "fy": 1, "fz": 2, "mx": 3, "my": 4, "mz": 5}
 AT_BASE = {"fx": "fx", "fy": "fy", "fz": "fz", "mx": "mx fy fz", "my": "my fx fz", "mz": "mz fx fy"}
-"""What makes a component at the base's origin, of the wrench at the platform's."""
+"""Wrench components at the platform's origin that contribute to each at the base's origin."""
 
 
 def _parameter(c: str, w: str, component: str) -> EffectParameter:
@@ -38,7 +38,7 @@ def _parameter(c: str, w: str, component: str) -> EffectParameter:
 
 
 def _parameters(motion: Motion) -> tuple[EffectParameter, ...]:
-    """Return one compliance ``x_fx`` per coordinate and component of the wrench."""
+    """Return one compliance ``x_fx`` per coordinate and wrench component."""
     own = motion.coordinates
     return tuple(_parameter(c, WRENCH[by], WRENCH[by]) for c in own for by in own)
 
@@ -55,26 +55,26 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
 
 
 def _of_base(motion: Motion) -> tuple[EffectParameter, ...]:
-    """Return the upper triangle of a symmetric C (Maxwell and Betti: work has no order)."""
+    """Return the upper triangle of a symmetric C (reciprocity of Maxwell and Betti)."""
     pairs = combinations_with_replacement([(c, WRENCH[c]) for c in motion.coordinates], 2)
     return tuple(_parameter(c, w, f"{AT_BASE[v]} {AT_BASE[w]}") for (c, v), (_, w) in pairs)
 
 
 CROSSED = ("x_my", "x_mz", "y_mx", "y_mz", "z_mx", "z_my")
-"""What a turn about an axis displaces, whose springs are off the base's origin."""
+"""Displacements by rotations about an axis, if the springs are off the base's origin."""
 
 
 def _some(parameters: Callable[[Motion], tuple[EffectParameter, ...]], further: Container[str],
           motion: Motion) -> tuple[EffectParameter, ...]:
-    """Return the diagonal of C, and ``further`` names: a file's effect whose other values are 0."""
+    """Return the diagonal of C and ``further`` names, as in a file with the other values at 0."""
     return tuple(s for s in parameters(motion) if s.name in further
                  or PLACE[s.name.rsplit("_", 1)[0]] == COLUMN[s.name.rsplit("_", 1)[1]])
 
 
 def _base_terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
-    """The base's twist is C W, W = (f, m + p x f) at its origin; p, the platform, is carried along.
+    """Base twist C W, W = (f, m + p x f) at its origin; the platform at p is carried along.
 
-    The platform's origin moves by t + r x p, its axes turn by r, where (t, r) = C W.
+    The platform's origin moves by t + r x p and its axes rotate by r, where (t, r) = C W.
     """
     place = setting.pose[:, :3]
     at_base = setting.wrench.copy()
@@ -96,10 +96,10 @@ def _about(axis: int) -> Callable[[Mapping[str, float], float], float]:
 
 
 def _center(axis: int, values: Mapping[str, float], middle: float) -> float:
-    """Return a coordinate of the point c about which a moment turns the base, m.
+    """Return a coordinate of the point c about which a moment rotates the base, m.
 
-    A turn r about c moves the origin by c x r: what moments displace against what they turn, by
-    least squares over the axes that they turn about; 0 along one that nothing tells.
+    A rotation r about c moves the origin by c x r: c is fitted by least squares to displacements
+    and rotations under moments; 0 along an axis that they do not determine.
     """
     matrix = np.zeros((6, 6))
     for name, value in values.items():
@@ -115,15 +115,15 @@ def _center(axis: int, values: Mapping[str, float], middle: float) -> float:
 
 
 def _variants(motion: Motion) -> tuple[EffectKind, ...]:
-    """Return what a search tries: springs along the base's axes first, which have few values."""
+    """Return the kinds that a search tries: first springs along base axes, with few values."""
     of_base = (SEATED, ABOUT_BASE) if motion.turns else ()
     return (ALONG_AXES, BASE_COMPLIANCE, *of_base)
 
 
 FILE = chosen_by(
     "about", "platform", lambda: {"platform": BASE_COMPLIANCE, "base": ABOUT_BASE},
-    "a compliance is not about '{}'",
-    "Write `about: base` (the base turns on what it stands on), or leave it out")
+    "a compliance cannot be about '{}'",
+    "Write `about: base` (the base rotates on its supports), or leave it out")
 
 ABOUT_BASE: EffectKind = EffectKind(
     "base_compliance", "base twist = C W, C symmetric, W the wrench at the base's origin",
@@ -131,13 +131,13 @@ ABOUT_BASE: EffectKind = EffectKind(
     per_actuator=False, uses_load=True, exists_in=lambda motion: motion.turns, from_file=FILE,
     written=lambda units: {"about": "base"}, title="base_compliance about base", body="base",
     derived=tuple(Derived(f"center_{'xyz'[k]}", "length", _about(k)) for k in range(3)),
-    remedy="indicate the base against the ground while the payload is put on")
+    remedy="measure the base against the ground with an indicator while applying the payload")
 
 SEATED = replace(ABOUT_BASE, parameters=partial(_some, _of_base, CROSSED))
 
 BASE_COMPLIANCE: EffectKind = register(EffectKind(
     "base_compliance", "platform twist = C wrench, base axes",
-    "[LIN] section 4.3: compliance outside of the limbs", _parameters, ("wrench",), _terms,
+    "[LIN] section 4.3: compliance outside the limbs", _parameters, ("wrench",), _terms,
     per_actuator=False, from_file=FILE, variants=_variants, body="base",
     worked=Worked({"x_fx": 1e-8}, {"wrench": 200.0}, 2e-6)))
 

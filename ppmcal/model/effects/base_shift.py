@@ -1,4 +1,4 @@
-"""The base that moved against the instrument in mid-run: either of them was bumped."""
+"""A shift of the base relative to the instrument in mid-run: one of them was bumped."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from ppmcal.model.motions import Motion
 
 
 def _parameters(motion: Motion) -> tuple[EffectParameter, ...]:
-    """Return one step per coordinate of the base, turns also where the machine never turns."""
+    """Return one step per coordinate of the base, including rotations of any machine."""
     return step_parameters(motion.frame_coordinates)
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
-    """Base displaced by the steps from the row on."""
+    """Displace the base by the steps from the row on."""
     return stepped(setting, values, lambda step: Shift(frame=step))
 
 
@@ -25,5 +25,5 @@ BASE_SHIFT = register(EffectKind(
     "base_shift", "base displaced by a twist, base axes, from row from_row on",
     "ISO 230-1, set-up of the instrument", _parameters, ("row",), _terms, per_actuator=False,
     instrument=True, onset="from_row", body="base",
-    remedy="measure fixed points of the base now and then",
+    remedy="measure fixed points of the base at intervals",
     worked=Worked({"x": 3e-5, "from_row": 5.0}, {"row": 6.0}, 3e-5)))

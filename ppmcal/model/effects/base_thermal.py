@@ -1,4 +1,4 @@
-"""Thermal growth of the base: with the temperature above 20 degrees, or the drives' work."""
+"""Thermal growth of the base: with the deviation from 20 degrees Celsius, or the drives' work."""
 
 from __future__ import annotations
 
@@ -6,4 +6,4 @@ from ppmcal.model.effects.kind import register
 from ppmcal.model.effects.late import body_thermal
 
 BASE_THERMAL = register(body_thermal(
-    "base", "record temperature_<sensor> of legs and of the base apart"))
+    "base", "record temperature_<sensor> of legs and of the base separately"))

@@ -1,4 +1,4 @@
-"""Clearance in a limb's joints, taken up by the side from which the load pushes."""
+"""Clearance in a limb's joints, taken up to the side to which the load pushes."""
 
 from __future__ import annotations
 

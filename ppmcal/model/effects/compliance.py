@@ -1,6 +1,6 @@
-"""Compliance of the drive or strut: it gives way in the direction of its load.
+"""Compliance of the drive or strut: it deflects in the direction of its load.
 
-It may stiffen under load, and change along the stroke.
+It may stiffen under load, and vary along the stroke.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from ppmcal.model.effects.setting import Setting
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
     """Du = f/stiffness (1 + by_stroke (u - middle))/(1 + hardening |f|).
 
-    f is the load at the pose that is reached; the middle is that of the stroke, ``low`` to
-    ``high`` where the file gives them, else the joint's limits or the range of the data.
+    f is the load at the pose reached; the middle is that of the stroke, ``low`` to ``high`` if the
+    file gives them, otherwise the joint's limits or the range of the data.
     """
     k, load = values["stiffness"], setting.load
     hardening, by_stroke = values.get("hardening", 0.0), values.get("by_stroke", 0.0)
@@ -45,15 +45,15 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
 
 
 def _hardenings(data: ScanRange) -> list[float]:
-    """Return what makes a compliance 1/1.3 ... 1/13 as soft under the largest load.
+    """Return values that make a compliance 1/1.3 ... 1/13 as soft under the largest load.
 
-    So close to each other, as the slopes, that a second effect gains nothing by what is between.
+    Spaced closely, like the slopes, so that a second effect cannot gain by values in between.
     """
     return [0.3 * 1.4**i / data.load for i in range(12)] if data.load > 0.0 else []
 
 
 def _slopes(data: ScanRange) -> list[float]:
-    """Return changes of a compliance by 12, 24 ... 84 % at the ends of the stroke."""
+    """Return slopes that change a compliance by 12, 24 ... 84 % at the ends of the stroke."""
     return [2.0 * 0.12 * i / data.stroke for i in range(-7, 8) if i]
 
 
@@ -61,7 +61,7 @@ COMPLIANCE = register(EffectKind(
     "compliance", "du = f/stiffness (1 + by_stroke (u - middle))/(1 + hardening |f|), f the "
     "actuator's load",
     "[LIN] section 4.3: stiffness of drives and bars in the limb; ISO 3408-4: a screw held at one "
-    "end gives way in proportion to its free length, contacts of balls stiffen under load",
+    "end deflects in proportion to its free length, ball contacts stiffen under load",
     fixed_list(EffectParameter("stiffness", "load/joint", None, low=1e-300,
                                usual=(10.0, 2e9), why="a solid steel strut 50 mm thick and 200 mm "
                                "long has 2e9 N/m; [LIN] section 4.3: 6e7 to 8.1e8 N/m",
@@ -70,7 +70,7 @@ COMPLIANCE = register(EffectKind(
                                why="contacts grow under load: ISO 3408-4", size=1e-4,
                                scan=_hardenings, optional=True),
                EffectParameter("by_stroke", "1/joint", usual=(-2.0, 2.0), per_stroke=True,
-                               why="beyond it a drive would be pushed against its load at one end",
+                               why="beyond it a drive would move against its load at one end",
                                size=1e-1, scan=_slopes, optional=True),
                *(EffectParameter(n, "joint", np.nan, constant=True, stroke_end=n)
                  for n in ("low", "high"))),

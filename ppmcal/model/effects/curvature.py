@@ -24,8 +24,8 @@ from ppmcal.model.effects.setting import Setting
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
     """Du = p2 P2(s) + p3 P3(s) + p4 P4(s), s = -1 to 1 over the stroke.
 
-    The stroke is ``low`` to ``high`` where the file gives them, else the joint's limits
-    or, without limits, the range of the data.
+    The stroke is ``low`` to ``high`` if the file gives them, otherwise the joint's limits or,
+    without limits, the range of the data.
     """
     low = np.where(np.isnan(values["low"]), setting.stroke[:, 0], values["low"])
     high = np.where(np.isnan(values["high"]), setting.stroke[:, 1], values["high"])

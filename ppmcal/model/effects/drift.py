@@ -1,4 +1,4 @@
-"""Drift: the machine moves steadily against the instrument."""
+"""Drift: the machine moves steadily relative to the instrument."""
 
 from __future__ import annotations
 
@@ -31,5 +31,5 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
 DRIFT = register(EffectKind(
     "drift", "platform twist = rate time, base axes", "ISO 230-3, drift of the set-up",
     _parameters, ("time",), _terms, per_actuator=False,
-    remedy="go back to one reference pose at intervals, at changing temperature",
+    remedy="return to one reference pose at intervals, at changing temperature",
     worked=Worked({"x": 1e-9}, {"time": 3600.0}, 3.6e-6)))

@@ -1,4 +1,4 @@
-"""Eccentric code disc or gear of a rotary joint: once and twice per turn."""
+"""Eccentric code disc or gear of a rotary joint: errors once and twice per revolution."""
 
 from __future__ import annotations
 

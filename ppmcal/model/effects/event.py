@@ -1,4 +1,4 @@
-"""What events in mid-run share: the row where they start, and steps of a pose from there on."""
+"""Common parts of events in mid-run: the row where they start, and pose steps from there on."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from ppmcal.model.effects.kind import EffectParameter, ScanRange, Terms, linear
 from ppmcal.model.effects.setting import PLACE, Setting, Shift
 
 FEWEST = 3
-"""Rows before and after an event."""
+"""Fewest rows before and after an event."""
 MOST = 150
-"""Onsets that a search tries, evenly spread; the fit then moves to the row."""
+"""Most onsets that a search tries, evenly spread; the fit then refines the row."""
 
 
 def onsets(data: ScanRange) -> list[float]:
-    """Return the rows from which on something may have happened."""
+    """Return the rows at which an event may have started."""
     rows = data.rows[FEWEST:len(data.rows) - FEWEST + 1]
     if len(rows) <= MOST:
         return list(rows)
@@ -25,7 +25,7 @@ def onsets(data: ScanRange) -> list[float]:
 
 
 ONSET = EffectParameter("from_row", "1", None, low=0.0, constant=True, scan=onsets,
-                        why="an event is in one row")
+                        why="an event starts at one row")
 
 
 def step_parameters(coordinates: Sequence[str]) -> tuple[EffectParameter, ...]:

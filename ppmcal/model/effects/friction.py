@@ -1,4 +1,4 @@
-"""Friction that falls with speed: the drive winds up less the faster the joint goes."""
+"""Friction that falls with speed: the drive winds up less the faster the joint moves."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
 
 
 def _speeds(data: ScanRange) -> list[float]:
-    """Return speeds about the median of those that were recorded."""
+    """Return speeds around the median recorded speed."""
     return [data.speed * part for part in (0.15, 0.4, 1.0, 2.5)]
 
 
@@ -48,7 +48,7 @@ FRICTION = register(EffectKind(
                                scan=_speeds)),
     ("dir", "vel"), _terms,
     reversal=Reversal("wind-up", lambda v: v["static"] + v["dynamic"]),
-    remedy="come to the same poses at several speeds, from both sides",
+    remedy="approach the same poses at several speeds, from both sides",
     worked=Worked({"static": 3e-5, "dynamic": 1e-5, "speed": 0.02},
                   {"approach": -1.0, "velocity": -0.02},
                   -1e-5 * (1.0 + 2.0 * float(np.exp(-1.0))))))

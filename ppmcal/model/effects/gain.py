@@ -1,4 +1,4 @@
-"""Gain error of an encoder or a screw: the joint moves (1 + gain) times what it reads."""
+"""Gain error of an encoder or a screw: the joint moves (1 + gain) times its reading."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ GAIN = register(EffectKind(
     "gain", "du = gain q", "ISO 230-2, linear part of the positioning deviation",
     fixed_list(EffectParameter("gain", "1", low=-0.1, high=0.1,
                                usual=(-0.03, 0.03), why="screws of ISO 3408-3 class 10 are within "
-                               "7e-4, belts and spools within some percent", size=1e-5)), (),
+                               "7e-4, belts and spools within a few percent", size=1e-5)), (),
     _terms, same_as=("ratio",),
     remedy="measure one joint's travel directly, or a known distance",
     worked=Worked({"gain": 1e-4}, {"travel": 0.5}, 5e-5)))

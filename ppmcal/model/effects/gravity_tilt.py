@@ -1,4 +1,4 @@
-"""Weight that does not act in the direction that the file says."""
+"""Weight that does not act in the direction stated in the file."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def _parameters(motion: Motion) -> tuple[EffectParameter, ...]:
 def _vector(setting: Setting, values: Mapping[str, float]) -> Array:
     """Return the rotation vector of the weight (3,): about z, or about two base axes.
 
-    They are the base axes in their order without the one that is nearest to gravity, about which
-    a turn does nothing.
+    These are the base axes in order, without the one nearest to gravity, about which a rotation
+    has no effect.
     """
     if "turn" in values:
         return np.array([0.0, 0.0, values["turn"]])
@@ -37,7 +37,7 @@ def _vector(setting: Setting, values: Mapping[str, float]) -> Array:
 
 
 def _carried(setting: Setting, values: Mapping[str, float]) -> tuple[Array, Array]:
-    """The weight is turned; it goes on acting where it does."""
+    """Rotate the weight, which keeps its point of action."""
     vector, old = _vector(setting, values), setting.weight
     angle = float(np.linalg.norm(vector))
     half = np.sinc(0.5 * angle / np.pi)
@@ -50,7 +50,7 @@ def _carried(setting: Setting, values: Mapping[str, float]) -> tuple[Array, Arra
 
 GRAVITY_TILT = register(EffectKind(
     "gravity_tilt", "weight = payload 9.80665 m/s2 along R gravity, R a turn about two base axes",
-    "the machine stands inclined, or its file names another direction of gravity",
+    "the machine stands inclined, or its file states another direction of gravity",
     _parameters, ("wrench",), no_terms, per_actuator=False, uses_load=True, carried=_carried,
     body="base", remedy="put a level or a plumb line on the base",
     worked=Worked({"turn": np.pi / 2}, {"weight": 100.0}, -200.0)))

@@ -20,11 +20,11 @@ from ppmcal.model.effects.kind import (
 from ppmcal.model.effects.setting import Setting
 
 WIDTHS = {"w1": 0.004, "w2": 0.03, "w3": 0.2}
-"""Full widths of the plays, in parts of the stroke: each some seven times the one before."""
+"""Full widths of the plays, as fractions of the stroke: each about seven times the previous."""
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
-    """Du = sum w_i (p_i - u), p_i play of a fixed part of the stroke ``low`` to ``high``."""
+    """Du = sum w_i (p_i - u), p_i play of a fixed fraction of the stroke ``low`` to ``high``."""
     stroke = _stroke(setting, values)
     return linear(values, {n: setting.at_joints(setting.slack(part * stroke)[0], on)
                            for n, part in WIDTHS.items()})
@@ -49,12 +49,12 @@ HYSTERESIS = register(EffectKind(
     "Kuhnen, Modeling, identification and compensation of complex hysteretic nonlinearities, "
     "Eur. J. Control 9 (2003) 407: Prandtl-Ishlinskii operator",
     fixed_list(*(EffectParameter(n, "1", low=-1.0, high=1.0, usual=(-0.5, 0.5), size=1e-4,
-                                 why="a drive whose output lags by more is not driven")
+                                 why="a drive whose output lags by more hardly drives")
                  for n in WIDTHS),
                *(EffectParameter(n, "joint", np.nan, constant=True, stroke_end=n)
                  for n in ("low", "high"))),
     ("order",), _terms, unsettled=_unsettled,
     reversal=Reversal("wind-up", lambda v: -sum(v[n] * part for n, part in WIDTHS.items())),
-    remedy="go through strokes of several lengths, back and forth",
+    remedy="move through strokes of several lengths, back and forth",
     worked=Worked({"w1": 0.0, "w2": 1e-3, "w3": 0.0, "low": 0.0, "high": 1.0},
                   {"travel_before": 0.1, "travel": 0.2}, -1.5e-5)))

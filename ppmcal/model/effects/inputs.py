@@ -1,4 +1,4 @@
-"""The inputs that effects follow: the axes against which residuals are plotted."""
+"""The inputs of effects: the axes against which residuals are plotted."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from ppmcal.linalg import Array
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """What N rows depend on, SI, k actuators: see :class:`Setting`; nan where not recorded.
+    """Inputs in N rows, SI, k actuators: see :class:`Setting`; nan where not recorded.
 
     ``pose`` (N, 6) of the platform; ``point`` (N, 3) as measured; ``temperature`` deg C; ``move``
-    from the row before.
+    from the previous row.
     """
 
     travel: Array
@@ -36,15 +36,15 @@ class EffectInput:
     """One input.
 
     Attributes:
-        name: as ``diagnosis.json`` and the pictures have it.
-        quantity: as of a parameter (``joint/s``, ``load``), or ``deg C``; empty for classes and
-            where each component has its own.
+        name: as in ``diagnosis.json`` and plots.
+        quantity: like that of a parameter (``joint/s``, ``load``), or ``deg C``; empty for classes
+            and where each component has its own.
         value: rows -> the input of each joint (N, k), of the machine (N,), or its components
             (N, c).
-        of_machine: an effect of the whole machine shows against it in the measured coordinates;
-            else the joints' errors do.
-        components: (name, quantity) of each component; empty where there is one.
-        own_component: each coordinate is shown against the component of its own name only.
+        of_machine: measured coordinates are shown against it for an effect of the whole machine;
+            otherwise joint errors.
+        components: (name, quantity) of each component; empty if there is one.
+        own_component: each coordinate is shown only against the component of its own name.
         classes: +1 and -1 are classes, joint by joint; other values are left out.
     """
 
@@ -67,7 +67,7 @@ _TURNS = (("rx", "angle"), ("ry", "angle"), ("rz", "angle"))
 
 TRAVEL = EffectInput("travel", "joint", lambda rows: rows.travel)
 PHASE = EffectInput("phase", "joint", lambda rows: rows.travel)
-"""The travel, folded by the period of the kind that follows it."""
+"""The travel, folded by the period of the kind that uses it."""
 DIRECTION = EffectInput("direction", "", lambda rows: rows.approach, classes=True)
 VELOCITY = EffectInput("velocity", "joint/s", lambda rows: rows.velocity)
 MOVE = EffectInput("last move", "joint", lambda rows: rows.move)
@@ -87,4 +87,4 @@ ROW = EffectInput("row", "1", lambda rows: rows.row)
 BY_NEED = {"dir": DIRECTION, "vel": VELOCITY, "load": LOAD, "tension": LOAD, "wrench": WRENCH,
            "temperature": TEMPERATURE, "time": TIME, "row": ROW, "touch": POSE,
            "order": DIRECTION, "past": TIME}
-"""The columns that an effect may need, and what it then follows if it does not say more."""
+"""The columns that an effect may need, and its default input for each."""

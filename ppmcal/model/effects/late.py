@@ -1,4 +1,4 @@
-"""What heat shares: a time constant, and growth with the thermometer or with the drives' work."""
+"""Common parts of thermal effects: time constant, growth with temperature or drives' work."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ def taus(data: ScanRange) -> list[float]:
 
 
 EXPANSION = EffectParameter("expansion", "1/K", low=-120e-6, high=120e-6, size=1e-6,
-                            usual=(0.0, 120e-6), why="what is warmed grows, metals by up to 30e-6 "
-                            "per K, polymers of printed machines by up to 110e-6")
+                            usual=(0.0, 120e-6), why="warm parts grow, metals by up to 30e-6 per "
+                            "K, polymers of printed machines by up to 110e-6")
 TAU = EffectParameter("tau", "s", 0.0, low=0.0, usual=(0.0, 1e6), size=1.0, scan=taus,
                       optional=True, needs=("past",),
-                      why="what takes longer than a week does not heat within a campaign")
+                      why="with more than a week, nothing heats within a campaign")
 OWN_WORK = fixed_list(
     EffectParameter("growth", "s/joint", low=-1.0, high=1.0, size=1e-4, usual=(0.0, 1.0),
                     why="work heats"),
     replace(TAU, default=None, optional=False, low=1e-6, usual=(1e-6, 1e6), needs=()))
-"""Parameters of what the drives' own work heats."""
+"""Parameters of parts heated by the drives' own work."""
 
 
 def grown(which: str, setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
@@ -66,9 +66,9 @@ def mean_rate_grown(which: str, setting: Setting, on: Bools, values: Mapping[str
 
 
 def source_of_heat(body: str, kinds: Callable[[], Mapping[str, EffectKind]]) -> FromFile:
-    """Return how a file says what heats: ``from: motion``, or nothing for the thermometer.
+    """Return the file entry for the source of heat: ``from: motion``, or none for the thermometer.
 
-    ``body``: what is heated, for the message; ``kinds``: gives source -> kind.
+    ``body``: the heated part, for the message; ``kinds``: returns source -> kind.
     """
     return chosen_by("from", "thermometer", kinds, f"{body} not heated from '{{}}'",
                      "Write `from: motion` (the drives' own work), or leave it out")
@@ -77,12 +77,12 @@ def source_of_heat(body: str, kinds: Callable[[], Mapping[str, EffectKind]]) -> 
 def body_thermal(body: str, remedy: str) -> EffectKind:
     """Return the kind ``base_thermal`` or ``platform_thermal``, heated by the air or the drives.
 
-    ``remedy``: what to measure that tells it from what looks alike.
+    ``remedy``: what to measure to distinguish it from similar effects.
     """
     file, name = source_of_heat(f"the {body} is", lambda: by_source), f"{body}_thermal"
     motion = EffectKind(
         name, f"{body} points x (1 + growth x), x' = (mean |dq|/dt of all drives - x)/tau",
-        "ISO 230-3, distortion by moving axes: the drives' work heats what they stand on",
+        "ISO 230-3, distortion by moving axes: the drives' work heats their support",
         OWN_WORK, ("past",), partial(mean_rate_grown, body), per_actuator=False, from_file=file,
         written=lambda units: {"from": "motion"}, title=f"{name} from motion", body=body,
         remedy="move all joints back and forth for a while between two measurements of one pose")

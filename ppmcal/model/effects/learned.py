@@ -1,4 +1,4 @@
-"""The kind of effect that is a learned function: see :mod:`ppmcal.model.effects.learned_curve`."""
+"""The effect kind of a learned function: see :mod:`ppmcal.model.effects.learned_curve`."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ from ppmcal.units import Units
 
 MOST_NODES = 200
 SYMMETRIC = 1e-6
-"""A covariance may be off symmetry, or below zero, by this part of its largest number."""
+"""A covariance may be asymmetric or have negative eigenvalues by this part of its largest entry."""
 FOLLOWED = {"travel": TRAVEL, "velocity": VELOCITY, "last move": MOVE,
             "load": LOAD, "temperature": TEMPERATURE,
             "time": TIME_INPUT, **dict.fromkeys(PLACE, POSE)}
 
 
 def learned_kind(curve: LearnedCurve) -> EffectKind:
-    """Return the kind of effect that is this function."""
+    """Return the effect kind of this function."""
     sources = [INPUTS[name] for name in curve.inputs]
     needs = tuple(dict.fromkeys([*(n for s in sources for n in s.needs),
                                  *(["dir"] if curve.signed else [])]))
@@ -69,12 +69,12 @@ def learned_kind(curve: LearnedCurve) -> EffectKind:
 
 
 def _never(motion: Motion) -> Sequence[EffectKind]:
-    """No search tries it: it is learned from what is left."""
+    """Return no kinds: searches skip it, since it is learned from the residuals."""
     return ()
 
 
 def _from_file(given: Mapping[str, object], units: Units, joint: str) -> EffectKind:
-    """Return the kind of a file's entries; see :class:`FromFile`."""
+    """Return the kind for a file's entries; see :class:`FromFile`."""
     name = given.get("input")
     if name not in INPUTS:
         raise unknown("input", name, INPUTS, "input")
@@ -92,11 +92,11 @@ def _from_file(given: Mapping[str, object], units: Units, joint: str) -> EffectK
         raise BadInput(f"a function of each joint's {which} cannot act on {acts}", "acts",
                        f"Write `acts: {JOINT}`")
     if second is source:
-        raise BadInput("the second input is the first one", "by", "Name another input, or none")
+        raise BadInput("the second input equals the first", "by", "Name another input, or none")
     nodes = _nodes(given, "nodes")
     by_nodes = _nodes(given, "by_nodes") if second else np.zeros(1)
     if second is None and "by_nodes" in given:
-        raise BadInput("there are nodes of a second input, which is not named", "by_nodes",
+        raise BadInput("there are nodes for a second input, which is not named", "by_nodes",
                        "Name it: `by: temperature`")
     count = nodes.size * by_nodes.size
     values = _numbers(given, "values", (nodes.size, by_nodes.size) if second else nodes.shape)
@@ -105,7 +105,7 @@ def _from_file(given: Mapping[str, object], units: Units, joint: str) -> EffectK
     if (np.any(np.abs(covariance - covariance.T) > SYMMETRIC * largest)
             or linalg.eigvalsh(covariance).min() < -SYMMETRIC * largest):
         raise BadInput("this is not a covariance: asymmetric, or with a negative variance",
-                       "covariance", "Copy it whole, or write zeros where the values are certain")
+                       "covariance", "Copy all of it, or write zeros if the values are certain")
     found = LearnedCurve(source.name, nodes, values.ravel(), covariance, by == DIRECTION.name,
                          str(acts), joint, second.name if second else "", by_nodes)
     own = units.factor(found.quantity)
@@ -119,7 +119,7 @@ def _from_file(given: Mapping[str, object], units: Units, joint: str) -> EffectK
 
 
 def _nodes(given: Mapping[str, object], name: str) -> Array:
-    """Return the nodes of an input, rising."""
+    """Return the nodes of an input, in rising order."""
     nodes = _numbers(given, name, None)
     if not 2 <= nodes.size <= MOST_NODES or np.any(np.diff(nodes) <= 0.0):
         raise BadInput("the nodes do not rise from one to the next", name,
@@ -128,7 +128,7 @@ def _nodes(given: Mapping[str, object], name: str) -> Array:
 
 
 def _numbers(given: Mapping[str, object], name: str, shape: tuple[int, ...] | None) -> Array:
-    """Return the numbers of an entry, of a shape."""
+    """Return the numbers of an entry, of a given shape."""
     want = "a list of numbers" if shape is None else " by ".join(map(str, shape)) + " numbers"
     try:
         found = np.array(given.get(name), dtype=float)

@@ -1,10 +1,10 @@
-"""What data showed beyond all named effects: a smooth function of one recorded input, or of two.
+"""Learned discrepancy beyond all named effects: a smooth function of one or two recorded inputs.
 
-The function is a natural cubic spline through ``values`` at ``nodes``, of two inputs a product of
+The function is a natural cubic spline through ``values`` at ``nodes``, for two inputs a product of
 splines at ``nodes`` x ``by_nodes``: linear in the values, and known from the first node to the
-last; beyond them it is nan. It claims no cause. ``values`` are uncertain by ``covariance``.
-Source: Kennedy & O'Hagan 2001, discrepancy of a model, with the constraint of Plumlee 2017: what
-geometry and named effects could do is left to them.
+last; nan beyond. It claims no cause. ``covariance``: uncertainty of ``values``. Source: Kennedy &
+O'Hagan 2001, model discrepancy, with the constraint of Plumlee 2017: the part that geometry and
+named effects can absorb is left to them.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from ppmcal.model.effects.setting import PLACE, Setting, Shift
 from ppmcal.units import Units, to_file
 
 JOINT = "joint"
-"""In the place of a pose coordinate: the term acts on the coordinate u of a joint."""
+"""In place of a pose coordinate: the term acts on the coordinate u of a joint."""
 
 
 @dataclass(frozen=True, eq=False)
 class LearnedInput:
-    """What a term may follow: ``value`` of each joint (N, k), or of the machine (N,), SI.
+    """A possible input: ``value`` of each joint (N, k), or of the machine (N,), SI.
 
-    ``quantity``: with ``joint`` and ``load``; ``needs``: columns; ``zero``: what files call SI's
-    0; ``by_pose``: it is known only with the pose.
+    ``quantity``: with ``joint`` and ``load``; ``needs``: columns; ``zero``: the value in files that
+    is 0 in SI; ``by_pose``: it is known only with the pose.
     """
 
     name: str
@@ -44,7 +44,7 @@ class LearnedInput:
 
     @property
     def variable(self) -> str:
-        """What :class:`Setting` calls it: ``travel``, ``move``, ``pose.x``."""
+        """Its name in :class:`Setting`: ``travel``, ``move``, ``pose.x``."""
         return f"pose.{self.name}" if self.name in PLACE else self.name.removeprefix("last ")
 
 
@@ -71,9 +71,9 @@ class LearnedCurve:
         input: key of :data:`INPUTS`.
         nodes, values, covariance: (n,), (n,), (n, n); with a second input of m nodes the values
             are (n m,), those of the first node first.
-        signed: times the direction of approach (+1 or -1).
+        signed: multiplied by the direction of approach (+1 or -1).
         acts: :data:`JOINT`, or the pose coordinate that it displaces, base axes.
-        joint: ``length`` or ``angle``: what the joints are.
+        joint: ``length`` or ``angle``: quantity of the joints.
         by: a second input, empty for none; by_nodes (m,): its nodes.
     """
 
@@ -88,11 +88,11 @@ class LearnedCurve:
     by_nodes: Array = field(default_factory=lambda: np.zeros(1))
 
     def at(self, x: Array, by: Array | None = None) -> Array:
-        """Return the function (...) at inputs (...), second ones too; nan outside of nodes."""
+        """Return the function (...) at inputs (...), with second ones ``by``; nan outside nodes."""
         return np.asarray(self.basis(x, by) @ self.values)
 
     def basis(self, x: Array, by: Array | None = None) -> Array:
-        """Return how the function at inputs (...) follows from the values (..., n or n m)."""
+        """Return the weights of the values in the function at inputs (...), (..., n or n m)."""
         own = spline_basis(self.nodes, x)
         if not self.by:
             return own
@@ -103,15 +103,15 @@ class LearnedCurve:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """The input, and the second one where there is one."""
+        """The input, and the second one if there is one."""
         return (self.input, self.by) if self.by else (self.input,)
 
     def seen(self, setting: Setting) -> tuple[Array, ...]:
-        """Return its inputs in N rows, of each joint (N, k) or of the machine (N,), alike."""
+        """Return its inputs in N rows, of each joint (N, k) or the machine (N,), in one shape."""
         return alike([INPUTS[name].value(setting) for name in self.inputs])
 
     def weights(self, setting: Setting) -> Array:
-        """Return how it follows from the values in N rows: (N, K), by joint (N, k, K)."""
+        """Return the weights of the values in N rows: (N, K), or by joint (N, k, K)."""
         found = self.basis(*self.seen(setting))
         if not self.signed:
             return found
@@ -127,7 +127,7 @@ class LearnedCurve:
 
     @property
     def quantity(self) -> str:
-        """``length`` or ``angle``: what the values are."""
+        """``length`` or ``angle``: quantity of the values."""
         if self.acts == JOINT:
             return self.joint
         return "angle" if self.acts[0] == "r" else "length"
@@ -138,7 +138,7 @@ class LearnedCurve:
         return self.quantity_of(self.input)
 
     def quantity_of(self, name: str) -> str:
-        """Return the same of any input."""
+        """Return the same for any input."""
         load = {"length": "N", "angle": "N.m"}[self.joint]
         return INPUTS[name].quantity.replace("joint", self.joint).replace("load", load)
 
@@ -163,7 +163,7 @@ class LearnedCurve:
 
     @property
     def known(self) -> tuple[KnownRange, ...]:
-        """Where it is known, by input."""
+        """The range in which it is known, by input."""
         ends = {self.input: self.nodes, **({self.by: self.by_nodes} if self.by else {})}
         return tuple(KnownRange(name, self.quantity_of(name), float(x[0]), float(x[-1]),
                                 INPUTS[name].zero, INPUTS[name].value)
@@ -191,14 +191,14 @@ class LearnedCurve:
 
 
 def alike(inputs: Sequence[Array]) -> tuple[Array, ...]:
-    """Return inputs in N rows, each of the machine (N,) or of joints (N, k), in one shape."""
+    """Return inputs in N rows, each of the machine (N,) or joints (N, k), in one shape."""
     wide = max(x.ndim for x in inputs)
     return tuple(np.broadcast_arrays(*(x[:, None] if x.ndim < wide else x for x in inputs)))
 
 
 def spline_basis(nodes: Array, x: Array) -> Array:
     """Return the natural cubic spline's weights (..., n) of values at nodes (n,); nan outside."""
-    from scipy.interpolate import CubicSpline  # reading files needs no scipy
+    from scipy.interpolate import CubicSpline  # reading files does not need SciPy
 
     inside = np.isfinite(x) & (x >= nodes[0]) & (x <= nodes[-1])
     safe = np.where(inside, x, nodes[0])

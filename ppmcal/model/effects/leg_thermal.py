@@ -1,4 +1,4 @@
-"""Thermal growth of the struts: with the temperature above 20 degrees, or the drives' work."""
+"""Thermal growth of struts: with the deviation from 20 degrees Celsius, or the drives' work."""
 
 from __future__ import annotations
 
@@ -36,5 +36,5 @@ LEG_THERMAL: EffectKind = register(EffectKind(
     "ISO 1: lengths refer to 20 degrees Celsius; ISO 230-3, thermal effects",
     fixed_list(EXPANSION, TAU), ("temperature",), _terms, per_actuator=True, from_file=FILE,
     variants=lambda motion: (LEG_THERMAL, FROM_MOTION),
-    remedy="record temperature_<sensor> of legs and of the base apart",
+    remedy="record temperature_<sensor> of legs and of the base separately",
     worked=Worked({"expansion": 11e-6, "tau": 0.0}, {"temperature": 5.0, "struts": 2.0}, 1.1e-4)))

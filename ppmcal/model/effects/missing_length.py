@@ -1,4 +1,4 @@
-"""A constant that the readings of all ropes lack: an arm, a hook or a belt's end never counted."""
+"""A constant missing from all rope readings: an arm, hook or belt end that was never counted."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
 
 MISSING_LENGTH = register(EffectKind(
     "missing_length", "du = length, the same on all ropes",
-    "a rope's length is counted from where it leaves the winch to where it was cut",
+    "a rope's length is counted from its exit from the winch to its cut end",
     fixed_list(EffectParameter("length", "length", usual=(-0.5, 0.5), size=1e-4,
-                               why="hooks, arms and rings have some centimetres, a rope's zero is "
-                               "that of another place")),
+                               why="hooks, arms and rings are a few centimetres long, a rope's "
+                               "zero may refer to another place")),
     (), _terms, per_actuator=False, joints="ropes", title="constant missing from all lengths",
-    remedy="measure one rope from its anchor to the point that it holds",
+    remedy="measure one rope from its anchor to its attachment point",
     worked=Worked({"length": 0.15}, {"travel": 2.0}, 0.15)))

@@ -1,4 +1,4 @@
-"""A payload whose centre of mass is beside the platform's origin."""
+"""A payload whose centre of mass is not at the platform's origin."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _parameters(motion: Motion) -> tuple[EffectParameter, ...]:
 
 
 def _carried(setting: Setting, values: Mapping[str, float]) -> tuple[Array, Array]:
-    """The weight acts at (x, y, z) in platform axes: moment = R (x, y, z) x weight."""
+    """Apply the weight at (x, y, z) in platform axes: moment = R (x, y, z) x weight."""
     arm = setting.turn @ np.array([values.get(c, 0.0) for c in "xyz"])
     wrench = setting.wrench.copy()
     wrench[:, 3:] += np.cross(arm, setting.weight)
@@ -37,5 +37,5 @@ PAYLOAD_OFFSET = register(EffectKind(
     "c its centre of mass", "statics: the wrench of a force that does not act at the origin",
     _parameters, ("wrench",), no_terms, per_actuator=False, exists_in=lambda motion: motion.turns,
     uses_load=True, carried=_carried, body="platform",
-    remedy="weigh the payload's centre of mass, or put it on in another place",
+    remedy="determine the payload's centre of mass, or mount it in another place",
     worked=Worked({"x": 0.0, "y": -0.05}, {"weight": 100.0}, -5.0)))

@@ -1,4 +1,4 @@
-"""Error once per turn of a screw, a gear or a scale's period."""
+"""Error once per revolution of a screw or gear, or per period of a scale."""
 
 from __future__ import annotations
 
@@ -33,21 +33,21 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
 
 
 FEWEST_PERIODS, MOST_PERIODS = 1.5, 80.0
-"""Periods per stroke that a search tries; a longer wave is a smooth error."""
+"""Periods per stroke that a search tries; longer waves are smooth errors."""
 STEP = 0.4
 PITCHES = {
     "length": tuple(1e-3 * mm for mm in (1, 2, 2.5, 3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 32, 40)),
     "angle": tuple(2.0 * np.pi / n for n in (50, 60, 72, 80, 90, 100, 120, 144, 160, 180, 200, 240,
                                              320, 360))}
-"""Periods that drives have: nominal leads of screws (ISO 3408-2), which are pitches of belts and
-scales too, m; of a turn, teeth of worm wheels, and twice those of strain wave gears, rad."""
+"""Periods of drives: nominal leads of screws (ISO 3408-2), also pitches of belts and scales, m;
+tooth pitches of worm wheels, and twice those of strain wave gears, rad."""
 
 
 def _periods(data: ScanRange) -> list[float]:
     """Return the stroke over 1.5, 1.9, ... periods, at most two for each pose; then finer pitches.
 
-    Positions that are not evenly spaced tell finer waves as well. There are too many for a scan,
-    machines have few of them, and these are exact: a lead is within 1e-4.
+    Unevenly spaced positions show finer waves as well. There are too many for a scan, but machines
+    have only a few standard ones, and these are exact: a lead is within 1e-4.
     """
     counts = np.arange(FEWEST_PERIODS, min(MOST_PERIODS, 2.0 * data.poses), STEP)
     finest = data.stroke / (counts[-1] + STEP / 2.0)
@@ -61,8 +61,8 @@ PERIODIC = register(EffectKind(
     fixed_list(*(EffectParameter(n, "joint", usual=(-0.05, 0.05), of_stroke=True, why=STROKE)
                  for n in ("cos", "sin")),
                EffectParameter("period", "joint", None, low=1e-9, usual=(0.0, 1.0),
-                               of_stroke=True, why="what has no whole period in the stroke is "
-                               "not seen to repeat", scan=_periods)), (), _terms,
+                               of_stroke=True, why="without a whole period in the stroke an error "
+                               "cannot be seen to repeat", scan=_periods)), (), _terms,
     period="period", follows=PHASE,
     worked=Worked({"cos": 2e-5, "sin": 1e-5, "period": 0.4}, {"travel": 0.1}, 1e-5),
     derived=wave("cos", "sin", lambda v, at: 2.0 * np.pi * at / v["period"])))

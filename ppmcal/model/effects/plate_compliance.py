@@ -21,13 +21,13 @@ from ppmcal.model.effects.setting import Setting, Shift, total
 
 PARTS = ("base", "platform")
 BEYOND = 40.0
-"""So many reaches away nothing bends: exp(-800) is 0, and a reach may be as small as it likes."""
+"""Distance in reaches beyond which nothing bends: exp(-800) is 0; a reach may be very small."""
 
 
 def _pushed(setting: Setting, part: str, points: Array) -> Array:
     """Return the force on each joint centre of a body, in its axes (N, limbs, 3).
 
-    A plate in space bends along its normal only, that of the plane nearest to its joint centres;
+    A plate in space bends only along its normal, that of the plane nearest to its joint centres;
     in its plane it is stiffer by the square of its slenderness.
     """
     force = setting.forces
@@ -64,8 +64,8 @@ def _shift(setting: Setting, part: str, moved: Array) -> Shift:
 
 
 COUPLED = 0.6
-"""Below this part of the distance to the nearest joint, at which a force moves that one by 25 %,
-each joint gives way by itself: a compliance of the limb with its seat."""
+"""Below this part of the distance to the nearest joint, where a force still moves that one by 25 %,
+each joint deflects by itself: a compliance of the limb with its seat."""
 
 
 def _reaches(data: ScanRange) -> list[float]:
@@ -83,6 +83,6 @@ PLATE_COMPLIANCE = register(EffectKind(
                  for part in PARTS),
                EffectParameter("reach", "length", None, low=1e-6, reciprocal=True, scan=_reaches)),
     ("wrench",), _terms, per_actuator=False, uses_load=True, one_by_one=True, seldom=True,
-    remedy="indicate the base and the platform beside a joint while the payload is put on",
+    remedy="measure base and platform near a joint with an indicator while applying the payload",
     worked=Worked({"base": 1e-8, "platform": 0.0, "reach": 0.1}, {"forces": 200.0, "base": 0.3},
                   2e-6)))

@@ -1,4 +1,4 @@
-"""Thermal growth of the platform: with the temperature above 20 degrees, or the drives' work."""
+"""Thermal growth of the platform: with the deviation from 20 deg C, or the drives' work."""
 
 from __future__ import annotations
 
@@ -6,4 +6,4 @@ from ppmcal.model.effects.kind import register
 from ppmcal.model.effects.late import body_thermal
 
 PLATFORM_THERMAL = register(body_thermal(
-    "platform", "record temperature_<sensor> of the platform apart"))
+    "platform", "record temperature_<sensor> of the platform separately"))

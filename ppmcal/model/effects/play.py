@@ -1,4 +1,4 @@
-"""Play: a gap that the drive crosses before what it moves follows."""
+"""Play: a gap that the drive has to cross before the load follows."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from ppmcal.model.effects.kind import (
 from ppmcal.model.effects.setting import Setting
 
 WIDEST, NARROWEST = 0.05, 1e-4
-"""Widths that a search tries, in parts of the stroke."""
+"""Limits of the widths that a search tries, as fractions of the stroke."""
 SHARES = (0.0, 0.2, 0.4)
-"""Parts of the moves that are shorter than a width that a search tries: of moves that are all
-longer, any width makes the same columns."""
+"""Fractions of the moves that are shorter than the widths tried: if all moves are longer, any width
+gives the same columns."""
 APART = 1.5
 
 
@@ -40,7 +40,7 @@ def _unsettled(setting: Setting, on: Bools, values: Mapping[str, float], start: 
 
 
 def _widths(data: ScanRange) -> list[float]:
-    """Return widths that some of the moves do not cross."""
+    """Return widths that some of the moves do not take up."""
     low, high = NARROWEST * data.stroke, WIDEST * data.stroke
     if not data.moves:
         return [low, float(np.sqrt(low * high)), high]
@@ -48,7 +48,7 @@ def _widths(data: ScanRange) -> list[float]:
 
 
 def _spread(widths: Sequence[float]) -> list[float]:
-    """Return rising widths, none of them near the one before."""
+    """Return rising widths, none of them close to the previous one."""
     out: list[float] = []
     for width in widths:
         if not out or width > APART * out[-1]:
@@ -62,5 +62,5 @@ PLAY = register(EffectKind(
     fixed_list(EffectParameter("width", "joint", None, usual=(-0.05, 0.05), of_stroke=True,
                                why=STROKE, scan=_widths, scaling=True)), ("order",), _terms,
     unsettled=_unsettled, reversal=Reversal("play", lambda v: -v["width"]),
-    remedy="come to some poses by moves that are shorter than the play, after a reversal",
+    remedy="approach some poses by moves that are shorter than the play, after a reversal",
     worked=Worked({"width": 4e-5}, {"travel_before": -0.01, "travel": 0.0}, -2e-5)))

@@ -1,4 +1,4 @@
-"""Product: an effect whose size goes with a recorded column, such as a backlash that warms away."""
+"""Product: an effect whose size varies with a recorded column, as backlash with temperature."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from ppmcal.units import Units
 
 @dataclass(frozen=True)
 class Factor:
-    """A column that an effect may go with.
+    """A column with which the size of an effect may vary.
 
-    ``need``: of the kind; ``per``: unit in which it counts, empty for a pure number; ``value``:
-    (setting, constants) -> factor of the rows (N, 1) or (N, k); ``further``: constants.
+    ``need``: of the kind; ``per``: its unit, empty for a pure number; ``value``: (setting,
+    constants) -> factor of the rows (N, 1) or (N, k); ``further``: constants.
     """
 
     need: tuple[str, ...]
@@ -40,7 +40,7 @@ class Factor:
 
 
 def _along(setting: Setting, values: Mapping[str, float]) -> Array:
-    """Return where each joint is in its stroke, -1 to 1 from ``low`` to ``high`` (N, k)."""
+    """Return each joint's position in its stroke, -1 to 1 from ``low`` to ``high`` (N, k)."""
     low = np.where(np.isnan(values["low"]), setting.stroke[:, 0], values["low"])
     high = np.where(np.isnan(values["high"]), setting.stroke[:, 1], values["high"])
     return np.asarray((2.0 * setting.travel - low - high) / (high - low))
@@ -54,10 +54,10 @@ FACTORS = {
 
 
 def product(kind: EffectKind, column: str) -> EffectKind:
-    """Return the kind whose effect is that of ``kind``, of a size that goes with a column.
+    """Return the kind with the effect of ``kind``, of a size that varies with a column.
 
-    Where the column is 0 is a convention, so the size there has parameters of its own: without
-    them what is found would depend on it (Nelder, J. R. Stat. Soc. A 140 (1977) 48, marginality).
+    The zero of the column is a convention, so the size at zero has separate parameters: without
+    them results would depend on it (Nelder, J. R. Stat. Soc. A 140 (1977) 48, marginality).
 
     ``kind``: of single actuators, linear in its parameters; ``column``: of :data:`FACTORS`.
     """
@@ -92,7 +92,7 @@ def product(kind: EffectKind, column: str) -> EffectKind:
 EQUATIONS = {"temperature": "(T - 20 C)", "travel": "(where u is in its stroke, -1 to 1)"}
 AT_ZERO = "_0"
 SEEN = 10.0
-"""A size in units of a column stands for so many of them: K by which a hall warms up."""
+"""Typical range of a column, in its units, for the limits of sizes: K by which a hall warms up."""
 
 
 def _of(spec: EffectParameter, per: str) -> EffectParameter:
@@ -104,14 +104,14 @@ def _of(spec: EffectParameter, per: str) -> EffectParameter:
 
 
 def _made(entries: Mapping[str, object], units: Units, joint: str) -> EffectKind:
-    """Return the product that a file names.
+    """Return the product named in a file.
 
     Raises:
-        BadInput: no `of`, or a kind or column that makes none.
+        BadInput: no `of`, or a kind or column that cannot form a product.
     """
     of = entries.get("of")
     if not isinstance(of, list) or len(of) != 2:
-        raise BadInput("a product is of a kind and a column", "of",
+        raise BadInput("a product needs a kind and a column", "of",
                        "Write `of: [backlash, temperature]`")
     name, column = map(str, of)
     if column not in FACTORS:
@@ -120,13 +120,13 @@ def _made(entries: Mapping[str, object], units: Units, joint: str) -> EffectKind
         raise unknown("effect", name, effect_kinds(), "of[1]")
     kind = effect_kinds()[name]
     if not _linear(kind):
-        raise BadInput(f"a {name} has no product", "of[1]", "Choose one of " + ", ".join(
+        raise BadInput(f"{name} cannot form a product", "of[1]", "Choose one of " + ", ".join(
             n for n, k in effect_kinds().items() if _linear(k)))
     return product(kind, column)
 
 
 def _linear(kind: EffectKind) -> bool:
-    """Whether a kind is of single actuators, and linear in all its parameters."""
+    """Whether a kind acts on single actuators and is linear in all its parameters."""
     return kind.per_actuator and not kind.from_file and all(
         not (s.nonlinear or s.constant or s.reciprocal)
         for m in OWN if kind.exists_in(m) for s in kind.parameters(m))
@@ -135,8 +135,8 @@ def _linear(kind: EffectKind) -> bool:
 FILE = FromFile(("of",), _made)
 TRIED = tuple(product(kind, column) for kind, column in (
     (BACKLASH, "temperature"), (BACKLASH, "travel"), (LAG, "temperature")))
-"""What a search tries: grease that warms, a screw that is worn in its middle. Each that is tried
-makes all the others harder to name."""
+"""Products that a search tries: warming grease, a screw worn in its middle. Each one tried makes
+all others harder to name."""
 
 PRODUCT = register(replace(
     TRIED[0], title="", variants=lambda motion: TRIED,

@@ -1,9 +1,8 @@
-"""Ropes that are longer by their tension, and shorter from end to end by their own weight.
+"""Ropes that are stretched by their tension, and whose chord is shortened by their own weight.
 
-The tension is the one that was measured, else what the platform's load leaves in a rope: without
-limbs beyond the platform's freedoms statics say it. A rope that would have to push is slack. The
-sag is that of a parabola: a rope of length u and horizontal span h is longer than its chord by
-w^2 h^2 u/(24 f^2).
+The tension is the measured one, otherwise that from the platform's load: without redundant limbs
+it follows from statics. A rope that would have to push is slack. The sag is that of a parabola: a
+rope of length u and horizontal span h is longer than its chord by w^2 h^2 u/(24 f^2).
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
     ropes = [(i, limb) for i, limb in enumerate(setting.limbs)
              if limb.pulls_only and on[limb.actuator]]
     weight = values["weight"]
-    # a slack rope does not stretch; with a weight it hangs as it likes
+    # a slack rope does not stretch; with a weight its sag is undetermined
     slack = np.nan if weight else 0.0
     pull = {i: np.where(setting.tension[:, limb.actuator] <= 0.0, slack,
                         setting.tension[:, limb.actuator]) for i, limb in ropes}

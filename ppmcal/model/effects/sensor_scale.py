@@ -30,7 +30,7 @@ SENSOR_SCALE = register(EffectKind(
     "scale of a camera or tracker (VDI/VDE 2634)",
     fixed_list(EffectParameter("scale", "1", low=-0.1, high=0.1,
                                usual=(-0.05, 0.05), why="ISO 10360-10 trackers are within 1e-5, "
-                               "uncalibrated cameras within some percent", size=1e-5)), (), _terms,
+                               "uncalibrated cameras within a few percent", size=1e-5)), (), _terms,
     per_actuator=False, instrument=True, follows=POINT,
     remedy="measure a known distance (a scale bar) with the same instrument",
     worked=Worked({"scale": 1e-4}, {}, 1e-4)))

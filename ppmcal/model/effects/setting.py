@@ -1,8 +1,7 @@
-"""What an effect may know of the rows (:class:`Setting`) and what it adds there (:class:`Shift`).
+"""The inputs of effects in the rows (:class:`Setting`) and their contributions (:class:`Shift`).
 
-Everything that an effect can add is a change of limb slots row by row (a joint that is not where
-the controller believes it is a change of ``offset``), a twist of the platform, or a stretch of
-the measured positions.
+A contribution is a change of limb slots row by row (a joint that is not where the controller
+assumes it is a change of ``offset``), a twist of the platform, or a stretch of measured positions.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ PLACE = {"x": 0, "y": 1, "z": 2, "rx": 3, "ry": 4, "rz": 5}
 
 @dataclass(frozen=True, eq=False)
 class Shift:
-    """What effects add in N rows, SI.
+    """Contributions of effects in N rows, SI.
 
     Attributes:
         slots: (limb index, slot name) -> change of that slot (N,); ``offset`` is the
@@ -34,11 +33,11 @@ class Shift:
         pose: platform displacement of the origin and rotation vector, base axes (N, 6).
         stretch: change of the map from true to measured position, measuring frame,
             (N or 1, 3, 3): measured = (1 + stretch) true.
-        frame: displacement of the base against the instrument: of the base's origin and
+        frame: displacement of the base relative to the instrument: of the base's origin and
             rotation vector, base axes (N, 6).
-        target: of the measured body against the platform, at the platform's origin and in its
+        target: of the measured body relative to the platform, at the platform's origin and in its
             axes (N, 6). Neither moves the machine.
-        targets: the same of one of several targets on the platform, by its data set's name.
+        targets: the same for single ones of several targets on the platform, by data set name.
     """
 
     slots: Mapping[tuple[int, str], Array] = field(default_factory=dict)
@@ -60,7 +59,7 @@ class Shift:
                      {name: v[rows] for name, v in self.targets.items()})
 
     def of(self, target: str) -> Shift:
-        """Return the shift as one of several targets has it, by its data set's name."""
+        """Return the shift for one of several targets, by its data set's name."""
         if not self.targets:
             return self
         own = [v for v in (self.target, self.targets.get(target)) if v is not None]
@@ -95,9 +94,9 @@ def total(shifts: Sequence[Shift]) -> Shift:
 
 @dataclass(frozen=True)
 class LimbSetting:
-    """What an effect may know of one limb: its actuator and lengths, slot -> value, m.
+    """Data on one limb for effects: its actuator and lengths, slot -> value, m.
 
-    ``struts``: lengths of its bars; ``offset`` stands for u where the strut is driven.
+    ``struts``: lengths of its bars; ``offset`` stands for u if the strut is driven.
     ``base`` and ``platform``: coordinates of its joint centres. ``pulls_only``: it is a rope.
     """
 
@@ -110,37 +109,37 @@ class LimbSetting:
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """What an effect may know of N rows with k actuators; nan where it was not recorded.
+    """Inputs of effects in N rows with k actuators; nan where not recorded.
 
     Attributes:
-        motion: the coordinates that the platform has.
-        turning: (k,) whether the actuated joint turns; else it slides.
+        motion: the coordinates of the platform.
+        turning: (k,) whether the actuated joint rotates; otherwise it slides.
         travel: ratio q (N, k), m or rad. stroke: its range (k, 2), nan where unknown.
-        approach: side from which each joint came, +1 or -1 (N, k).
+        approach: direction from which each joint came, +1 or -1 (N, k).
         velocity: of u (N, k), per second.
         temperature: minus 20 degrees Celsius, K (N,).
         wrench: on the platform at its origin, base axes (N, 6), N and N m.
         time: s (N,).
         row: number in the campaign (N,); inf after it.
         limbs: one each.
-        load_of: gives the load on the actuators (N, k), N or N m, under a wrench (N, 6).
-        forces_of: gives the force that each limb carries under a wrench (N, limbs, 3), base axes.
-        tensions_of: gives the tensions of the joints (N, k) where some (k,) pull by 1 and the
+        load_of: returns the load on the actuators (N, k), N or N m, under a wrench (N, 6).
+        forces_of: returns the force carried by each limb under a wrench (N, limbs, 3), base axes.
+        tensions_of: returns the tensions of the joints (N, k) if some (k,) pull by 1 and the
             others hold against them; None: no joints can.
-        tension_of: gives the tension of the joints (N, k), N, as measured or under a wrench
-            (N, 6); nan where neither says it.
-        span_of: gives the horizontal distance of the ends of each limb (N, limbs), m.
-        weight: the part of the wrench's force that is the payload's weight (N, 3), N.
-        gravity: its direction as the file has it, base axes (3,).
+        tension_of: returns the tension of the joints (N, k), N, measured or under a wrench
+            (N, 6); nan if neither determines it.
+        span_of: returns the horizontal distance between the ends of each limb (N, limbs), m.
+        weight: the payload's weight as part of the wrench's force (N, 3), N.
+        gravity: its direction in the file, base axes (3,).
         turn: rotation of the platform (N, 3, 3), from its axes to the base's.
-        known: the same with what the platform carries as recorded, where effects say otherwise.
-        pose_of: gives the closed pose of the platform (N, 6), base axes, rotation as a vector.
+        known: the same with the load on the platform as recorded, if effects change it.
+        pose_of: returns the closed pose of the platform (N, 6), base axes, rotation as a vector.
         touch: whether a flat was touched (N,), None: nowhere.
-        until: row from which on another event takes this one's place, by joint (k,); None: never.
-        history: all rows in the order of their visit, None where that is not known; ``place`` of
-            these rows in it (N,), -1 where they have none; ``ratio`` of the drives (k,).
-        past_load_of: gives the load on the actuators there (H, k), ``carried`` being the kinds and
-            values of the effects that say what the platform carries.
+        until: row at which another event replaces this one, by joint (k,); None: never.
+        history: all rows in the order of their visit, None if unknown; ``place``: index of these
+            rows in it (N,), -1 if not in it; ``ratio`` of the drives (k,).
+        past_load_of: returns the load on the actuators there (H, k); ``carried``: kinds and values
+            of the effects that change the load on the platform.
     """
 
     motion: Motion
@@ -174,18 +173,18 @@ class Setting:
 
     @cached_property
     def load(self) -> Array:
-        """F = J_q^T wrench (N, k): positive when it pushes towards larger u."""
+        """F = J_q^T wrench (N, k): positive if it pushes towards larger u."""
         return self.load_of(self.wrench)
 
     @cached_property
     def forces(self) -> Array:
-        """Force of each limb on the base, which the platform has put on it (N, limbs, 3), N."""
+        """Force of each limb on the base, transmitted from the platform (N, limbs, 3), N."""
         return self.forces_of(self.wrench)
 
     def tensions(self, on: Bools) -> Array:
-        """Return the tensions of all joints (N, k) in parts of that with which ``on`` (k,) pull.
+        """Return the tensions of all joints (N, k) relative to that with which ``on`` (k,) pull.
 
-        A rope that would have to push is slack: 0. nan where the others cannot hold.
+        0 for a rope that would have to push, which is slack; nan where the others cannot hold.
         """
         if self.tensions_of is None:
             return np.full_like(self.travel, np.nan)
@@ -193,20 +192,20 @@ class Setting:
 
     @cached_property
     def tension(self) -> Array:
-        """Tension of each joint (N, k), N; below 0: it would have to push. nan if unknown."""
+        """Tension of each joint (N, k), N; negative if it would have to push, nan if unknown."""
         return self.tension_of(self.wrench) if self.tension_of else np.full_like(self.travel,
                                                                                  np.nan)
 
     @cached_property
     def spans(self) -> Array:
-        """Horizontal distance of the ends of each limb (N, limbs), m."""
+        """Horizontal distance between the ends of each limb (N, limbs), m."""
         return self.span_of() if self.span_of else np.full(
             (len(self.travel), len(self.limbs)), np.nan)
 
     def points(self, body: str) -> Array:
         """Return the joint centres of ``base`` or ``platform`` in its axes (N or 1, limbs, 3), m.
 
-        A coordinate that limbs do not have, as z in the plane, is 0.
+        Coordinates that limbs do not have, such as z in the plane, are 0.
         """
         slots = [getattr(limb, body) for limb in self.limbs]
         rows = max((np.size(v) for s in slots for v in s.values()), default=1)
@@ -220,15 +219,15 @@ class Setting:
         return self.pose_of() if self.pose_of else np.full((self.time.size, 6), np.nan)
 
     def since(self, row: float) -> Array:
-        """Return 1 from a row on, until another event takes its place, else 0, by joint (N, k)."""
+        """Return 1 from a row on until another event replaces it, otherwise 0, by joint (N, k)."""
         until = np.full(self.turning.size, np.inf) if self.until is None else self.until
         at = self.row[:, None]
         return np.where((at >= row) & ((at < until) | np.isinf(until)), 1.0, 0.0)
 
     def slack(self, width: Array | float) -> tuple[Array, Array]:
-        """Return how far play of a full width, + or -, is behind u (N, k), and d/d width.
+        """Return play's output minus u (N, k) for a full width, and d/d width.
 
-        Of a negative width it is ahead. nan where the order of the rows is not known.
+        A negative width leads instead of lagging. nan if the order of the rows is unknown.
         """
         width = np.broadcast_to(np.asarray(width, dtype=float), self.turning.shape)
         if self.history is None:
@@ -239,10 +238,10 @@ class Setting:
         return self._then(way * self.ratio * behind), self._then(0.5 * turned * slope)
 
     def unsettled(self, width: Array | float, start: float = 1.0) -> Array:
-        """Return by how much play of a full width is behind u otherwise than it is taken (N, k).
+        """Return how far play of a full width may deviate from :meth:`slack` (N, k).
 
-        Where it stood before the first row nobody knows: 0 once a joint has crossed the width.
-        ``start``: where it stood, -1 to 1 half widths off u; at 1 it is the most that may be.
+        Its state before the first row is unknown: 0 once a joint has crossed the width. ``start``:
+        that state, -1 to 1 half widths off u; 1 gives the largest deviation.
         """
         width = np.broadcast_to(np.asarray(width, dtype=float), self.turning.shape)
         if self.history is None:
@@ -251,9 +250,9 @@ class Setting:
             self.history.unsettled(0.5 * np.abs(width / self.ratio), start))
 
     def late(self, tau: float) -> tuple[Array, Array]:
-        """Return the temperature that tau follows late (N,), K, and its derivative by tau."""
+        """Return the temperature lagged by tau (N,), K, and its derivative by tau."""
         history = self.history
-        if tau <= 0.0:  # nothing of the past is asked for
+        if tau <= 0.0:  # no history needed
             return self.temperature, np.zeros_like(self.temperature)
         if history is None or not history.timed:
             return np.full_like(self.temperature, np.nan), np.full_like(self.temperature, np.nan)
@@ -261,7 +260,7 @@ class Setting:
         return self._then(found), self._then(slope)
 
     def worked(self, tau: float) -> tuple[Array, Array]:
-        """Return each joint's travel per second, followed late (N, k), and its d/d tau."""
+        """Return each joint's travel per second, lagged by tau (N, k), and its d/d tau."""
         history = self.history
         if history is None or not history.timed:
             return np.full_like(self.travel, np.nan), np.full_like(self.travel, np.nan)
@@ -270,13 +269,13 @@ class Setting:
 
     @cached_property
     def move(self) -> Array:
-        """How far each joint went from the row before (N, k), m or rad; nan: not known."""
+        """How far each joint moved from the previous row (N, k), m or rad; nan if unknown."""
         if self.history is None:
             return np.full_like(self.travel, np.nan)
         return self.ratio * self._then(self.history.once("moved", self.history.moved))
 
     def late_load(self, tau: float) -> tuple[Array, Array]:
-        """Return the actuators' load, followed late (N, k), and its derivative by tau."""
+        """Return the actuators' load, lagged by tau (N, k), and its derivative by tau."""
         history = self.history
         if history is None or not history.timed or self.past_load_of is None:
             return np.full_like(self.travel, np.nan), np.full_like(self.travel, np.nan)
@@ -284,7 +283,7 @@ class Setting:
         return self._then(found), self._then(slope)
 
     def _then(self, past: Array) -> Array:
-        """Return what was at these rows (N, ...), nan where they have no place."""
+        """Return values of the history at these rows (N, ...), nan for rows not in it."""
         assert self.place is not None
         there = (self.place >= 0).reshape(-1, *[1] * (past.ndim - 1))
         return np.where(there, past[self.place], np.nan)

@@ -1,7 +1,7 @@
-"""Ropes that read otherwise on the two sides of the middle, as where they are pulled otherwise.
+"""Rope readings that differ between the two sides of the middle, such as by unequal pulling.
 
-A controller that tightens the nearer rope first leaves other tensions behind on either side of the
-frame, and with them other lengths in all of its ropes.
+A controller that tightens the nearer rope first leaves different tensions on either side of the
+frame, and with them different lengths in all ropes.
 """
 
 from __future__ import annotations
@@ -43,18 +43,18 @@ def _terms(axis: str, setting: Setting, on: Bools, values: Mapping[str, float]) 
 
 
 def _scan(data: ScanRange) -> list[float]:
-    """Return the middle, and where a controller may take it to be, who knows the frame but so."""
+    """Return the middle, and where a controller with inexact frame data may assume it."""
     return [part * data.size for part in (-0.01, 0.0, 0.01)]
 
 
 def _kind(axis: str) -> EffectKind:
     return EffectKind(
         "side_shift", f"du = shift where the platform is beyond the middle of the anchors along "
-        f"{axis} by more than `at`", "the rope that is pulled first, and so what the others hold, "
-        "differs from side to side",
+        f"{axis} by more than `at`", "the rope that is pulled first, and so the force that the "
+        "others hold, differs from side to side",
         fixed_list(EffectParameter("shift", "joint", usual=(-0.2, 0.2), of_stroke=True, why=STROKE),
                    EffectParameter("at", "length", 0.0, constant=True, scan=_scan, why="controllers"
-                                   " change over in the middle of the frame, as they know it")),
+                                   " switch in the middle of the frame as they know it")),
         (), partial(_terms, axis), joints="ropes", uses_load=True, follows=POSE,
         exists_in=lambda motion: axis in motion.coordinates, from_file=FILE,
         written=lambda units: {"along": axis}, variants=_variants,

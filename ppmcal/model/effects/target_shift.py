@@ -1,6 +1,6 @@
-"""The target that moved against the platform in mid-run: bumped, or taken off and put back.
+"""A shift of the target relative to the platform in mid-run: bumped, or removed and remounted.
 
-Of several targets on the platform all, as one body, or one alone (`target`, its data set's name).
+With several targets on the platform, of all as one body, or of one (`target`: its data set's name).
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from ppmcal.units import Units
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
-    """Target displaced by the steps from the row on."""
+    """Displace the target by the steps from the row on."""
     return stepped(setting, values, lambda step: Shift(target=step))
 
 
 def _of_a_point(motion: Motion) -> tuple[EffectParameter, ...]:
-    """Return one step per coordinate of a point: how it turns does not show."""
+    """Return one step per coordinate of a point, whose rotation is not observable."""
     return step_parameters([c for c in motion.coordinates if not c.startswith("r")])
 
 
 @cache
 def _of_one(target: str) -> EffectKind:
-    """Return the kind for one of several targets, the same each time."""
+    """Return the kind for one of several targets, the same object each time."""
     def terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
         return stepped(setting, values, lambda step: Shift(targets={target: step}))
 
@@ -48,14 +48,14 @@ def _of_one(target: str) -> EffectKind:
 
 
 def _made(entries: Mapping[str, object], units: Units, joint: str) -> EffectKind:
-    """Return the kind that a file means by ``target``.
+    """Return the kind for the ``target`` given in a file.
 
     Raises:
-        BadInput: it is no name.
+        BadInput: it is not a name.
     """
     target = entries.get("target", "")
     if not isinstance(target, str):
-        raise BadInput(f"'{target}' is no name of a target", "target",
+        raise BadInput(f"'{target}' is not the name of a target", "target",
                        "Write the data set's name, such as `target: run3 T2`, or leave it out")
     return _of_one(target) if target else TARGET_SHIFT
 

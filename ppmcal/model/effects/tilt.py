@@ -1,4 +1,4 @@
-"""A measuring plane that is inclined: one direction looks shorter."""
+"""An inclined measuring plane: one direction appears shorter."""
 
 from __future__ import annotations
 

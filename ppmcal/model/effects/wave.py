@@ -1,9 +1,9 @@
-"""Amplitude and phase of a wave that is fitted as a cosine and a sine.
+"""Amplitude and phase of a wave fitted as a cosine and a sine.
 
     cos cos w + sin sin w = amplitude cos(phase + w - w0),  w0 at mid-stroke
 
-Cosine and sine count from the joint's zero, which may be many periods away: there an error of the
-period turns the phase, and the two say little. At mid-stroke they are known best.
+Cosine and sine refer to the joint's zero, which may be many periods away: there an error of the
+period changes the phase, and the two say little. They are best known at mid-stroke.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def wave(cos: str, sin: str, turn: Callable[[Values, float], float], number: str
         cos: name of the cosine's parameter.
         sin: name of the sine's.
         turn: (parameters, joint coordinate ratio q, m or rad) -> w, rad.
-        number: goes behind the names of the figures.
+        number: suffix of the figures' names.
     """
     def phase(values: Values, middle: float) -> float:
         return remainder(turn(values, middle) - atan2(values[sin], values[cos]), 2.0 * pi)

@@ -1,4 +1,4 @@
-"""A joint's zero that moved in mid-run: homed anew, an encoder or a belt that slipped."""
+"""A shift of a joint's zero in mid-run: rehomed, or a slipped encoder or belt."""
 
 from __future__ import annotations
 
@@ -29,5 +29,5 @@ ZERO_SHIFT = register(EffectKind(
     "ISO 230-2, zero point; homing repeatability",
     fixed_list(EffectParameter("shift", "joint", None, usual=(-0.2, 0.2), of_stroke=True,
                                why=STROKE), ONSET), ("row",), _terms, onset="from_row",
-    remedy="home each joint again and go back to one reference pose",
+    remedy="home each joint again and return to one reference pose",
     worked=Worked({"shift": 3e-5, "from_row": 5.0}, {"row": 6.0}, 3e-5)))

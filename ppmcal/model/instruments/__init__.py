@@ -26,7 +26,7 @@ from ppmcal.model.instruments.position import POSITION  # isort: skip
 from ppmcal.model.instruments.plane import PLANE  # isort: skip
 from ppmcal.model.instruments.distance import DISTANCE  # isort: skip
 
-# in the order in which they are told; a new one comes last
+# in the order in which they are listed; new ones come last
 for _module in sorted(m.name for m in pkgutil.iter_modules(__path__)):
     importlib.import_module(f"{__name__}.{_module}")
 

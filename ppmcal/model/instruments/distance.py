@@ -15,10 +15,10 @@ def _value(point: Array, far: Array) -> Array:
 
 
 def _start(point: Array, distance: Array, motion: Motion) -> Array:
-    """Return the shift (6,) that brings the point which distances are from to the origin.
+    """Return the shift (6,) that brings the reference point of the distances to the origin.
 
-    |p - c|^2 = d^2 is linear in c once its value at the mean is taken off. Of two mirrored
-    answers, as to points in a plane, the nearer to that plane is where the fit starts.
+    |p - c|^2 = d^2 becomes linear in c once its mean is subtracted. Of two mirrored solutions, for
+    points in a plane, the fit starts at the one nearer to that plane.
     """
     free = motion.axes
     middle = point.mean(axis=0)
@@ -32,12 +32,12 @@ def _start(point: Array, distance: Array, motion: Motion) -> Array:
 
 
 def _frame(motion: Motion, between: bool) -> Parts:
-    """The point that they are measured from; two platform positions tell nothing."""
+    """Return the reference point's components; distances between platform positions have none."""
     return () if between else tuple(range(motion.axes))
 
 
 def _target(motion: Motion, relative: bool) -> Parts:
-    """A platform that never turns carries the target as a constant, as the frame does."""
+    """Return identifiable components; without rotation the target is a constant like the frame."""
     return () if relative and not motion.turns else tuple(range(motion.axes))
 
 

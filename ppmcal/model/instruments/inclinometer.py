@@ -1,15 +1,15 @@
 """Inclinometers: roll and pitch of a body on the platform, against gravity.
 
 With u the direction up in the sensor's own axes, roll = atan2(u_y, u_z) and pitch =
-atan2(-u_x, |u_y, u_z|): rotations about z, y and x in that order, of which the first is not seen.
-The sensor is level where its z axis is up; mounted without a rotation it is so where the platform's
-axes are the base's, with the base as the mechanism file has it against gravity. How it is mounted
-are three angles, all of which tilt shows (that about z by which of the two readings it goes to); of
-the base's own tilt it shows two, not the turn about the vertical. Without a turn of the platform
-about the vertical the base's tilt and the mounting's show only in their sum.
+atan2(-u_x, |u_y, u_z|): rotations about z, y and x in that order, of which the first is not
+observable. The sensor is level if its z axis is up; mounted without a rotation it is level if the
+platform's axes are parallel to the base's, with the base oriented to gravity as in the mechanism
+file. The mounting has three angles, all of them identifiable (that about z by how tilt is split
+between the two readings); the base's own tilt has two, without the rotation about the vertical.
+Unless the platform rotates about the vertical, only the sum of both tilts is identifiable.
 
-In the plane there is one reading, ``roll``: how far the platform is turned. There the base's tilt
-and the mounting are one angle.
+In the plane there is one reading, ``roll``: the rotation of the platform. There the base's tilt and
+the mounting are one angle.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from ppmcal.model.instruments.kind import InstrumentKind, Parts, register
 from ppmcal.model.motions import Motion
 
 ROUNDS = 50
-"""Of frame and mounting in turn, each the best by the other."""
+"""Iterations that alternate between frame and mounting, each optimal given the other."""
 IN_PLANE = 1e-6
 
 
 def _angles(turn: Array, motion: Motion) -> tuple[Array, Array]:
-    """Return roll and pitch (n, 2), in the plane roll (n, 1), and their derivatives by turns."""
+    """Return roll and pitch (n, 2), or roll (n, 1) in the plane, and derivatives by rotations."""
     if motion.planar:
         about_z = np.broadcast_to([0.0, 0.0, 1.0], (len(turn), 1, 3))
         return np.arctan2(turn[:, 1, 0], turn[:, 0, 0])[:, None], about_z
     x, y, z = up = np.moveaxis(turn[:, 2], -1, 0)
-    # a turn w moves up in the sensor's axes by turn' (z x w)
+    # a rotation w moves the up direction in the sensor's axes by turn' (z x w)
     moves = np.stack([turn[:, 1], -turn[:, 0], np.zeros_like(turn[:, 0])], axis=-1)
     size = np.hypot(y, z)
     by_roll = (z[:, None] * moves[:, 1] - y[:, None] * moves[:, 2]) / (size**2)[:, None]
@@ -42,7 +42,7 @@ def _angles(turn: Array, motion: Motion) -> tuple[Array, Array]:
 
 
 def _up(angles: Array) -> Array:
-    """Return the direction up in the sensor's axes (n, 3) of roll and pitch (n, 2)."""
+    """Return the direction up in the sensor's axes (n, 3) for roll and pitch (n, 2)."""
     roll, pitch = angles.T
     return np.stack([-np.sin(pitch), np.cos(pitch) * np.sin(roll),
                      np.cos(pitch) * np.cos(roll)], axis=1)
@@ -50,7 +50,7 @@ def _up(angles: Array) -> Array:
 
 def _aligned(angles: Array, platform: Array, at: tuple[Array, Array], opened: tuple[bool, bool]
              ) -> tuple[Array, Array]:
-    """Return frame and mounting (3, 3) that best turn up into what was read (Wahba)."""
+    """Return frame and mounting (3, 3) that best map up to the readings (Wahba)."""
     frame, body = at
     if angles.shape[1] == 1:
         rest = np.exp(1j * angles[:, 0]) / ((frame @ platform @ body)[:, 0, 0]
@@ -64,14 +64,14 @@ def _aligned(angles: Array, platform: Array, at: tuple[Array, Array], opened: tu
         if opened[1]:
             body = nearest_rotation((np.swapaxes(frame @ platform, -1, -2) @ up).T @ read, False)
         if opened[0]:
-            # up as the platform has it, in base axes: its tilt, and no turn about it
+            # up as measured on the platform, in base axes: gives the tilt, but no rotation about it
             seen = np.sum((platform @ body @ read[..., None])[..., 0], axis=0)
             frame = tilt_to_up(seen / np.linalg.norm(seen))
     return frame, body
 
 
 def tilt_to_up(direction: Array) -> Array:
-    """Return the shortest rotation (3, 3) that carries a unit direction (3,) onto z."""
+    """Return the smallest rotation (3, 3) that carries a unit direction (3,) onto z."""
     x, y, z = direction
     if z < IN_PLANE - 1.0:
         return np.diag([1.0, -1.0, -1.0])
@@ -80,17 +80,17 @@ def tilt_to_up(direction: Array) -> Array:
 
 
 def _frame(motion: Motion, between: bool) -> Parts:
-    """The base's tilt; in the plane it is that of the mounting."""
+    """Return the components of the base's tilt; in the plane the mounting covers it."""
     return () if motion.planar else (3, 4)
 
 
 def _refused(motion: Motion, gravity: Array) -> tuple[str, str]:
-    """Say which platforms never tilt, and where weight does not tell tilts."""
+    """Reject platforms that never tilt, and gravity that does not show tilts."""
     if not (motion.turns if motion.planar else motion.turns_freely):
         return (f"the platform of a {motion} machine never tilts",
                 "Use pose, position or distance")
     if np.linalg.norm(gravity[:motion.axes]) < IN_PLANE:
-        return ("an inclinometer needs weight, and the mechanism file's gravity has none "
+        return ("an inclinometer needs gravity, and the mechanism file has none "
                 + ("in the plane" if motion.planar else "at all"),
                 "Write the direction of weight in base axes, such as `gravity: [0, -1, 0]`")
     return "", ""

@@ -1,8 +1,8 @@
-"""Encoders at a joint of a limb: a passive joint's, or a second one beside the drive's own.
+"""Encoders at a joint of a limb: at a passive joint, or a second one next to the drive's own.
 
-The column ``value`` holds an angle, of a slide a length: how the link behind the joint stands to
-the one before it, and an offset, unknown where nobody says otherwise. Which joints there are is
-the limb's own declaration (:mod:`ppmcal.model.limbs.passive_joints`).
+The column ``value`` holds an angle, or a length for a slide: the position of the link after the
+joint relative to the one before it, plus an offset, unknown by default. The limb declares its
+joints (:mod:`ppmcal.model.limbs.passive_joints`).
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ def _lacks_axis(joint: EncoderJoint, limb: Limb) -> bool:
 
 
 def _joints(mechanism: Mechanism) -> list[str]:
-    """Return the joints of a machine that an encoder can be at, limb by limb."""
+    """Return the joints of a machine that can have an encoder, limb by limb."""
     return [f"{limb.name}.{name}" for limb in mechanism.limbs
             for name, joint in joints_of(limb.kind).items()
             if not _is_ball(joint, limb) and not _lacks_axis(joint, limb)]
 
 
 def _placed(at: str, mechanism: Mechanism, place: str) -> int:
-    """Return which coordinate a joint's reading is like: x for a slide, rz for a turn."""
+    """Return the coordinate that represents a joint's reading: x for a slide, rz for a rotation."""
     limb_name, _, name = at.rpartition(".")
     limbs = {limb.name: limb for limb in mechanism.limbs}
     named = {f"{n}.{j}" for n, limb in limbs.items() for j in joints_of(limb.kind)}
@@ -48,15 +48,15 @@ def _placed(at: str, mechanism: Mechanism, place: str) -> int:
     if name not in joints:
         there = ", ".join(f"{limb_name}.{n} ({j.said})" for n, j in joints.items())
         raise BadInput(f"{limb_name}, of kind {limb.kind.called}, has no joint "
-                       f"'{name}' that one angle or length tells of", place,
+                       f"'{name}' with a single angle or length", place,
                        f"Choose one of: {there}" if there else "Choose another limb")
     joint = joints[name]
     if _is_ball(joint, limb):
         raise BadInput(f"{at} is a ball: {limb_name} has its universal joint on the platform",
                        place, "Choose another joint")
     if _lacks_axis(joint, limb):
-        raise BadInput(f"{at} is a universal joint, and the mechanism file does not say how its "
-                       "first axis lies, about which an encoder turns", place,
+        raise BadInput(f"{at} is a universal joint, and the mechanism file does not give the "
+                       "direction of its first axis, about which the encoder turns", place,
                        f"Give {limb_name} the direction {joint.needs}, such as "
                        f"`{joint.needs.split('.')[0]}: {{axis: [0, 1, 0]}}`")
     return 0 if joint.quantity == "length" else 5

@@ -1,4 +1,4 @@
-"""What a kind of instrument is: what it shows, and what that tells of where it stands."""
+"""Instrument kinds: what they measure, and which registration parameters are identifiable."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 Parts = tuple[int, ...]
 FRAME, TARGET, ROTATION, HOMING = REGISTERED = ("frame", "target", "rotation", "homing")
-"""What a registration may fit, simplest first."""
+"""The parts that a registration may fit, simplest first."""
 
 
 def whole_frame(motion: Motion, between: bool) -> Parts:
@@ -37,34 +37,34 @@ class InstrumentKind:
 
     Attributes:
         name: as in files.
-        coordinates: motion -> which of x, y, z, rx, ry, rz it shows; what one number is
-            stands in the place of one of them.
-        number: of a kind that shows one number, what that is called, as a column and among the
-            residuals; else empty. ``sigma``: the key of its noise among the sigmas.
-        value: of such a kind: measured points (n, 3), m, and the point that they are measured from
+        coordinates: motion -> which of x, y, z, rx, ry, rz it measures; a single number is
+            represented by one of them.
+        number: for a kind that measures one number, its name, as a column and among the residuals;
+            otherwise empty. ``sigma``: the key of its noise among the sigmas.
+        value: for such a kind: measured points (n, 3), m, and the point that they are measured from
             (3,) or (n, 3) -> the numbers (n,), SI.
-        start: of such a kind: points as they are seen (n, 3), numbers (n,), motion -> the step of
-            the frame's pose (6,) from which a fit starts; None: points are aligned.
-        frame_parts, target_parts: (motion, whether the rows are of two platform positions, or, of
-            a target, whether anything moves both it and the frame) -> the components of an
-            unknown frame, an unknown target, that it can tell.
-        opened: what of a registration its data can demand to be open, of :data:`REGISTERED`.
-        sees_rotation: whether it shows rotations beside positions.
-        touches: whether it shows where a flat was touched: readings have no scale of their own,
+        start: for such a kind: points as seen (n, 3), numbers (n,), motion -> the step of the
+            frame's pose (6,) from which a fit starts; None: points are aligned.
+        frame_parts, target_parts: (motion, whether rows are of two platform positions, or, for a
+            target, whether anything moves both it and the frame) -> the identifiable components of
+            an unknown frame, or target.
+        opened: parts of a registration that its data may require to be free (:data:`REGISTERED`).
+        sees_rotation: whether it measures rotations in addition to positions.
+        touches: whether it measures where a flat was touched: readings have no scale of their own,
             and the flat may have a shape.
-        along_line: whether it shows a distance from the frame's origin, which is
+        along_line: whether it measures a distance from the frame's origin, which is
             ``instrument.point``, or between two platform positions (``to_q_`` columns).
-        names: what its coordinates are called where they are no pose's own.
-        of_turn: of a kind that shows angles of a body's rotation: rotations (n, 3, 3) in the
-            measuring frame, motion -> angles (n, k), rad, and their derivatives by a turn in that
-            frame (n, k, 3). Where the machine is no planar one that frame's z is up.
-        aligned: of such a kind: angles, rotations of the platform towards that frame, rotations of
-            frame and body, which of these two are open -> these two, from which a fit starts.
-        placed: of a kind that is at a joint of a limb: the name of the joint, the machine, the
-            place in the file -> which coordinate it stands in the place of. ``at``: that joint.
-            ``joints``: the machine -> the names of all that it may be at.
-        assumed: what the sidecar need not say. ``refused``: motion, direction of weight in base
-            axes -> why it tells nothing of such a machine, and what to do; empty: it does.
+        names: of its coordinates, if they are not pose coordinates.
+        of_turn: for a kind that measures angles of a body's rotation: rotations (n, 3, 3) in the
+            measuring frame, motion -> angles (n, k), rad, and their derivatives by a rotation in
+            that frame (n, k, 3). Unless the machine is planar, that frame's z is up.
+        aligned: for such a kind: angles, rotations of the platform to that frame, rotations of
+            frame and body, which of these two are free -> these two, from which a fit starts.
+        placed: for a kind at a joint of a limb: the name of the joint, the machine, the place in
+            the file -> the coordinate that represents it. ``at``: that joint. ``joints``: the
+            machine -> the names of all possible joints.
+        assumed: values that the sidecar need not give. ``refused``: motion, direction of weight in
+            base axes -> why it is useless on such a machine, and what to do; empty: it is not.
     """
 
     name: str
@@ -90,7 +90,7 @@ class InstrumentKind:
     refused: Callable[[Motion, Array], tuple[str, str]] | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a number that nothing says the value of (ValueError)."""
+        """Reject a number without a function for its value (ValueError)."""
         if bool(self.number) != (self.value is not None or self.placed is not None):
             raise ValueError(f"instrument '{self.name}' needs the number's name and its value")
 
@@ -104,37 +104,37 @@ class InstrumentKind:
 
     @property
     def scalar(self) -> bool:
-        """Whether it shows one number."""
+        """Whether it measures one number."""
         return bool(self.number)
 
     @property
     def also_called(self) -> tuple[str, ...]:
-        """Words that files have in the place of its name, where that is offered instead."""
+        """Other words in files for which its name is suggested."""
         return () if self.placed is None else ("encoder",)
 
     @property
     def blind(self) -> bool:
-        """Whether it shows nothing: joints alone tell of the machine."""
+        """Whether it measures nothing: there are only the joint values."""
         return not self.coordinates(SPATIAL)
 
     @property
     def inside(self) -> bool:
-        """Whether it shows nothing of where the base stands, nor of a target: joints alone."""
+        """Whether it is independent of base frame and target: it measures only joints."""
         return self.blind or self.placed is not None
 
     @property
     def of_poses(self) -> bool:
-        """Whether it shows coordinates of a pose themselves, or one that stands for them."""
+        """Whether it measures pose coordinates themselves, or a number derived from them."""
         return self.of_turn is None and self.placed is None
 
     @property
     def scales(self) -> bool:
-        """Whether it shows lengths, which may come out too long."""
+        """Whether it measures lengths, which may have a scale error."""
         return self.of_poses and not self.touches
 
     @property
     def place(self) -> int:
-        """Where that number stands among x, y, z, rx, ry, rz, whatever the motion."""
+        """Index of that number among x, y, z, rx, ry, rz, for any motion."""
         return self.coordinates(SPATIAL)[0]
 
     @property
@@ -143,22 +143,22 @@ class InstrumentKind:
         return coordinate_quantity(POSE_COORDINATES[self.place])
 
     def columns(self, motion: Motion) -> tuple[str, ...]:
-        """Return what it measures is called, as columns."""
+        """Return the column names of its measurements."""
         if self.scalar:
             return (self.number,)
         own = self.coordinates(motion)
         return self.names[:len(own)] or tuple(POSE_COORDINATES[c] for c in own)
 
     def labels(self, motion: Motion) -> tuple[str, ...]:
-        """Return what it measures is called among residuals: of a joint by its name."""
+        """Return the names of its measurements among residuals: joints by their name."""
         prefix = TURN_OF if self.place > 2 else SLIDE_OF
         return (f"{prefix}{self.at}",) if self.at else self.columns(motion)
 
     def located(self, at: str | None, mechanism: Mechanism, source: str) -> InstrumentKind:
-        """Return the kind at the joint that a file names; itself where it has none.
+        """Return the kind at the joint named in a file; itself if it needs none.
 
         Raises:
-            BadInput: a joint that there is not, none where one is needed, or one without need.
+            BadInput: an unknown joint, a missing one, or one that is not needed.
         """
         place = f"{source}: instrument.at"
         if self.placed is None:
@@ -169,41 +169,41 @@ class InstrumentKind:
         return _at_joint(self, at or "", self.placed(at or "", mechanism, place))
 
     def elsewhere(self, mechanism: Mechanism) -> Iterator[InstrumentKind]:
-        """Yield the kind at each other joint of the machine that it may be at."""
+        """Yield the kind at each other possible joint of the machine."""
         for at in self.joints(mechanism):
             if at != self.at:
                 yield self.located(at, mechanism, mechanism.source)
 
     def sigma_of(self, sigmas: object) -> float | None:
-        """Return what the mapping ``sigmas`` of a file says under the kind's own key."""
+        """Return the entry of a file's mapping ``sigmas`` under the kind's own key."""
         found: float | None = getattr(sigmas, self.sigma) if self.sigma else None
         return found
 
     def sigma_stated(self, sigmas: Any) -> float | None:
-        """Return the same, or what it says of positions where that will do."""
+        """Return the same, or the entry for positions if that applies."""
         return self.sigma_of(sigmas) or (sigmas.position if self.of_poses else None)
 
     def refuse(self, motion: Motion, surplus: int, source: str, gravity: Array | None = None
                ) -> None:
-        """Refuse heights of a machine that has none, and joints alone where they tell nothing.
+        """Reject heights of a planar machine, and joint values alone without redundancy.
 
         Args:
             motion: of the machine.
-            surplus: how many equations it has more than freedoms.
-            source: the file that says what kind.
+            surplus: number of closure equations in excess of the freedoms.
+            source: the file that gives the kind.
             gravity: direction of weight in base axes (3,)  [default: the motion's usual one].
 
         Raises:
-            BadInput: touches of a flat by a planar machine; no instrument and no surplus; what the
-                kind itself refuses.
+            BadInput: touches of a flat by a planar machine; no instrument and no surplus; reasons
+                of the kind itself.
         """
         if self.refused is not None:
             why, hint = self.refused(motion, motion.gravity if gravity is None else gravity)
             if why:
                 raise BadInput(why, f"{source}: instrument.kind", hint)
         if self.blind and not surplus:
-            raise BadInput("without an instrument nothing is known of this machine: it has as "
-                           "many closure equations as freedoms, so any joint values agree",
+            raise BadInput("without an instrument this machine cannot be calibrated: it has as "
+                           "many closure equations as freedoms, so any joint values are consistent",
                            f"{source}: instrument.kind", "Measure with an instrument, or give "
                            "the machine's further limbs or encoders")
         if self.touches and motion.planar:
@@ -216,7 +216,7 @@ register, instruments, find_instrument = _REGISTRY.register, _REGISTRY.kinds, _R
 
 
 TURN_OF, SLIDE_OF = "turn_", "slide_"
-"""How the name of a joint's reading begins among residuals."""
+"""Prefixes of a joint reading's name among residuals."""
 
 
 def _registered(name: str, at: str = "", place: int = 0) -> InstrumentKind:
@@ -230,11 +230,11 @@ def _at_joint(kind: InstrumentKind, at: str, coordinate: int) -> InstrumentKind:
 
 
 def number_names() -> tuple[str, ...]:
-    """Return what the numbers are called of all kinds that show one of a point: their columns."""
+    """Return the column names of all kinds that measure one number of a point."""
     return tuple(k.number for k in instruments().values() if k.scalar and k.of_poses)
 
 
 def is_own_reading(name: str) -> bool:
-    """Whether something among residuals is an angle of a tilt, or what an encoder read."""
+    """Whether a residual is of a tilt angle or of an encoder reading."""
     return name.startswith((TURN_OF, SLIDE_OF)) or any(
         name in k.names for k in instruments().values())

@@ -1,4 +1,4 @@
-"""No instrument: rows of joint values alone, of a machine whose limbs contradict each other."""
+"""No instrument: rows of joint values alone, for redundant machines."""
 
 from ppmcal.model.instruments.kind import InstrumentKind, register
 

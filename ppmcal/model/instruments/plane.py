@@ -15,7 +15,7 @@ def _value(point: Array, far: Array) -> Array:
 
 
 def _start(point: Array, height: Array, motion: Motion) -> Array:
-    """Return height and tilt (6,) that best turn points' z into the heights."""
+    """Return height and tilt (6,) that best map the points' z to the heights."""
     x, y, z = point.T
     columns = np.stack([np.ones_like(z), y, -x], axis=1)
     up, rx, ry = linalg.lstsq(columns, height - z, rcond=None)[0]
@@ -23,7 +23,7 @@ def _start(point: Array, height: Array, motion: Motion) -> Array:
 
 
 def _target(motion: Motion, relative: bool) -> Parts:
-    """A platform that never turns carries the target as a constant, as the frame does."""
+    """Return identifiable components; without rotation the target is a constant like the frame."""
     if motion.turns:
         return tuple(range(motion.axes))
     return () if relative else (2,)

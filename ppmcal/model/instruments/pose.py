@@ -1,4 +1,4 @@
-"""Whole poses: a laser tracker with a sensor for six freedoms, motion capture, a camera."""
+"""Full poses: a laser tracker with a 6-DOF sensor, motion capture, a camera."""
 
 from ppmcal.model.instruments.kind import InstrumentKind, register
 

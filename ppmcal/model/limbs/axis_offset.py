@@ -1,15 +1,15 @@
-"""Universal joints whose two axes do not meet ([LIN] section 2.3: their normal distance).
+"""Universal joints whose two axes do not intersect ([LIN] section 2.3: their normal distance).
 
-The first axis, a, is fixed to the body that carries the joint, the second is square to it and at a
-distance e from it, the rod square to the second. So the rod lies in the plane of a and of the
-limb's other end X, and starts at P + e n, with P the joint's place on a and n the unit vector from
+The first axis, a, is fixed to the body that carries the joint, the second is perpendicular to it at
+a distance e, the rod perpendicular to the second. So the rod lies in the plane of a and of the
+limb's other end X, and starts at P + e n, with P the joint's point on a and n the unit vector from
 a towards X:
 
     |X - P - e n|^2 = h^2 + (r - e)^2,
 
-r and h the distance of X from a and along it. The turn t about a that brings n towards X makes that
-length stationary. So the passive joint does no work: the limb's line through P + e n pairs with
-errors and twists as that of a point, and closure and derivative stay the one that all limbs share.
+r and h the distance of X from a and along it. The rotation t about a that brings n towards X makes
+that length stationary. So the passive joint does no work: the limb's line through P + e n pairs
+with errors and twists like that of a point, and closure and derivative are those of all limbs.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ Steps = tuple[ChainStep, ...]
 
 
 def turn_about(body: str) -> str:
-    """Return under which name the values hold the angle t (N,) of the body's offset joint, rad."""
+    """Return the name of the value for the angle t (N,) of the body's offset joint, rad."""
     return f"turn about {body}.axis"
 
 
 def universal_joint(body: str, on: str = "", own: bool = False) -> Steps:
-    """Return the steps that end the chain of the body which carries a universal joint.
+    """Return the last steps of the chain of the body that carries a universal joint.
 
     Args:
         body: ``base`` or ``platform``; the slots are its ``axis`` and ``axis_offset``.
-        on: the direction with which the joint's carrier is aligned already.
+        on: the direction to which the joint's carrier is already aligned.
         own: the first axis is parallel to the limb's own z axis there, and so needs no slots.
     """
     axis, offset = f"{body}.axis", f"{body}.axis_offset"
@@ -63,7 +63,7 @@ def _mount(axis: str, on: str, turn: str) -> ChainStep:
 
 
 def _arm(offset: str, axis: str, turn: str) -> ChainStep:
-    """Translation by ``offset`` square to local z, towards the limb's other end."""
+    """Translation by ``offset`` perpendicular to local z, towards the limb's other end."""
 
     def towards(values: Values) -> Array:
         t = np.asarray(values[turn], dtype=float)
@@ -81,7 +81,7 @@ def _arm(offset: str, axis: str, turn: str) -> ChainStep:
 
 
 def offset_slot(chain: Chain) -> SlotSpec | None:
-    """Return the slot of the axis offset that ends a chain, None where there is none."""
+    """Return the slot of the axis offset at a chain's end, None if there is none."""
     last = chain.steps[-1] if chain.steps else None
     if last is None or not last.needs or last.slots[0].wheel:
         return None
@@ -89,15 +89,15 @@ def offset_slot(chain: Chain) -> SlotSpec | None:
 
 
 def turn_towards(chain: Chain, values: Values, other_end: Array) -> dict[str, Array]:
-    """Return, by its name, the turn t (N,), rad, of a chain's last joint to the limb's other end.
+    """Return the angle t (N,), rad, of a chain's last joint towards the limb's other end, by name.
 
-    It is nan where that end is within the offset of the first axis: there the joint can turn right
-    round, or would have to turn over, and which way it stands is anybody's guess.
+    It is nan if that end is within the offset of the first axis: there the joint can rotate freely
+    or would have to flip, and its angle is undetermined.
 
     Args:
         chain: of the body that carries the joint.
         values: of the limb's slots, SI.
-        other_end: where the limb ends, in that body's axes (N, 3), m.
+        other_end: the limb's other end, in that body's axes (N, 3), m.
     """
     name = chain.steps[-1].needs
     before, _ = Chain(chain.steps[:-1]).evaluate({**values, name: 0.0}, ())

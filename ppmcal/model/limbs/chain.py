@@ -6,9 +6,9 @@ the second passive joint). Each chain is a product of elementary motors ([PPM] e
 
     chain(g, u) = E1 E2 ... En,
 
-and a change of one slot moves everything behind its element by a twist. Expressed in the
-chain's root axes that twist is ``Ad(E1...Ei-1) b``, with ``b`` the element's own constant
-generator: this is all that the error model needs of a limb.
+and a change of one slot moves everything after its element by a twist. In the chain's root axes
+that twist is ``Ad(E1...Ei-1) b``, with ``b`` the element's own constant generator: this is all that
+the error model needs of a limb.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ppmcal import algebra as cga
 from ppmcal.linalg import Array
 
 Values = Mapping[str, Any]
-"""Slot name -> scalar or (N,) array, direction name -> (3,) array, all SI; of L limbs together
+"""Slot name -> scalar or (N,) array, direction name -> (3,) array, all SI; for L limbs together
 (1, L) or (N, L), and (1, L, 3)."""
 
 AXES = {
@@ -39,11 +39,11 @@ U = "u"
 
 @dataclass(frozen=True)
 class SlotSpec:
-    """One scalar that a limb kind can take: its name, what it measures, and its default.
+    """One scalar of a limb kind: its name, quantity, and default.
 
     ``quantity`` is ``length`` or ``angle``; ``tolerance_class`` the key of the file's
-    ``tolerances`` that covers it. ``default`` is None where the file must give a value; ``needs``
-    the direction without which a limb has no such slot; ``wheel``: it is the radius of a pulley.
+    ``tolerances`` that covers it. ``default`` is None if the file must give a value; ``needs`` the
+    direction without which a limb has no such slot; ``wheel``: it is the radius of a pulley.
     """
 
     name: str
@@ -55,7 +55,7 @@ class SlotSpec:
 
     @property
     def is_bar(self) -> bool:
-        """Whether it is the length of a bar: above 0 and always given, unlike an offset."""
+        """Whether it is the length of a bar: positive and always given, unlike an offset."""
         return self.tolerance_class == "length" and self.default is None and not self.wheel
 
 
@@ -65,8 +65,8 @@ class ChainStep:
 
     ``motor(values)`` is the motion (..., 8); ``twists(values)`` yields for each slot the
     generator (..., 6) in the axes before the step, as ``(slot name, twist)``. A step that
-    ``needs`` a value which is not there is left out. A ``drive`` moves by u along the one twist
-    that it yields, which does not depend on u (:mod:`driven`).
+    ``needs`` a missing value is skipped. A ``drive`` moves by u along the single twist that it
+    yields, which does not depend on u (:mod:`driven`).
     """
 
     slots: tuple[SlotSpec, ...]
@@ -133,8 +133,8 @@ def turn(name: str) -> ChainStep:
 def align(name: str, zero: str | None = None) -> ChainStep:
     """Rotation that carries local z onto the direction ``name`` (and local x onto ``zero``).
 
-    Its error is the rotation vector ``name.rx, .ry, .rz`` in the axes before the step,
-    applied after the nominal orientation, so that ``zero`` turns with the axis.
+    Its error is the rotation vector ``name.rx, .ry, .rz`` in the axes before the step, applied
+    after the nominal orientation, so that ``zero`` rotates with the axis.
     """
     names = [f"{name}.{c}" for c in ("rx", "ry", "rz")]
 
@@ -193,7 +193,7 @@ def orientation(axis: Any, zero: Any = None) -> Array:
     """Return the matrices (..., 3, 3): third column ``axis`` (..., 3), first towards ``zero``.
 
     Without ``zero`` the first column is the base axis least parallel to ``axis``, made
-    perpendicular: any choice will do, since only the third column is used then.
+    perpendicular: any choice is valid, since only the third column is then used.
     """
     z = np.asarray(axis, dtype=float)
     z = z / np.linalg.norm(z, axis=-1, keepdims=True)
@@ -204,7 +204,7 @@ def orientation(axis: Any, zero: Any = None) -> Array:
 
 
 def left_jacobian(rotation_vector: Array) -> Array:
-    """Return d(rotation)/d(rotation vector) as base-side turns, (..., 3) -> (..., 3, 3).
+    """Return d(rotation)/d(rotation vector) as base-side rotations, (..., 3) -> (..., 3, 3).
 
     exp(r + dr) = exp(J dr) exp(r), J = I + (1-cos t)/t^2 [r] + (t - sin t)/t^3 [r]^2.
     """
@@ -232,9 +232,9 @@ def cross_matrix(v: Array) -> Array:
 class ErrorTwists:
     """Error twists of one step's slots: generators in the axes before the step.
 
-    ``names`` (K,); ``to_root`` (8,), (N, 8) or of L limbs (1 or N, L, 8): the chain up to there;
-    ``generators`` (K, 6), or one set for each of these. In the chain's root axes each twist is
-    Ad(to_root) generator.
+    ``names`` (K,); ``to_root`` (8,), (N, 8) or for L limbs (1 or N, L, 8): the chain up to the
+    step; ``generators`` (K, 6), or one set for each of these. In the chain's root axes each twist
+    is Ad(to_root) generator.
     """
 
     names: tuple[str, ...]
@@ -248,8 +248,8 @@ class ErrorTwists:
     def pairing(self, lines: Array, picked: Sequence[int]) -> Array:
         """Return the pairing of lines (N, ..., k, 6), root axes, with some twists (N, ..., k, K).
 
-        Where the chain moves from pose to pose, one line is carried back to the step's axes
-        instead of all twists to the root: the same number, for less.
+        If the chain moves from pose to pose, one line is transformed to the step's axes instead of
+        all twists to the root: the same result at lower cost.
         """
         if self.to_root.ndim == 1 or self.to_root.shape[0] == 1:
             generators = self.twists()[..., picked, :]
@@ -271,8 +271,8 @@ class Chain:
                  ) -> tuple[Array, tuple[ErrorTwists, ...]]:
         """Return the chain's motor (..., 8) and the error twists of the ``wanted`` slots.
 
-        Joint frames whose components are all zero and unwanted are skipped. ``start``: what this
-        returned of the steps before these.
+        Joint frames whose components are all zero and unwanted are skipped. ``start``: the result
+        for the steps before these.
         """
         total, moved = cga.identity_motor(), False
         carried: list[ErrorTwists] = []

@@ -1,8 +1,8 @@
-"""Spatial limbs that also keep the platform from turning: fewer joints, or parallel axes.
+"""Spatial limbs that also constrain the platform's rotation: fewer joints, or parallel axes.
 
-``joint1`` ... count the joints of the name; the frames of those that no body but the limb itself
-carries, such as the slide of a U(P)U, are taken as made true: these limbs have none for them.
-A universal joint's first axis is fixed to the body that carries it, the second is square to it.
+``joint1`` ... number the joints in the name; joints within the limb itself, such as the slide of a
+U(P)U, are taken as exact and have no frames. A universal joint's first axis is fixed to the body
+that carries it, the second is perpendicular to it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _ON_AXIS = Chain((_BASE, align("base.axis"), joint(1)))
 
 
 def _platform(number: int) -> Chain:
-    """Return the chain to a joint whose axis the platform carries."""
+    """Return the chain to a joint whose axis is fixed to the platform."""
     return Chain((_POINT, align("platform.axis"), joint(number)))
 
 
@@ -38,8 +38,8 @@ register(LimbKind(
     "U(P)R", False, HINGE_ON_PLATFORM, base=_ON_AXIS,
     middle=Chain((slide(U, "x"), slide("lateral", "z", 0.0))), platform=_platform(3),
     actuator="length", branch="branch",
-    closes_when="|B-A|^2 = u^2 + lateral^2; platform.axis.(B-A) = lateral; platform.axis is square "
-                "to base.axis",
+    closes_when="|B-A|^2 = u^2 + lateral^2; platform.axis.(B-A) = lateral; platform.axis is "
+                "perpendicular to base.axis",
     source="Bi, Jin: Kinematic modeling of Exechon parallel kinematic machine (2011)"))
 
 register(LimbKind(
@@ -55,7 +55,7 @@ register(LimbKind(
                 slide("proximal", "x"), joint(2))),
     middle=Chain((slide("distal", "z"),)), platform=_platform(4), actuator="angle",
     branch="branch",
-    closes_when="|B - A - proximal Rot(axis, u) zero| = distal; platform.axis is square to "
+    closes_when="|B - A - proximal Rot(axis, u) zero| = distal; platform.axis is perpendicular to "
                 "base.axis",
     source="Clavel: DELTA, a fast robot with parallel geometry (1988)"))
 
@@ -63,8 +63,8 @@ register(LimbKind(
     "UP", False, HELD_SLIDE, base=_ON_AXIS, middle=Chain(()),
     platform=Chain((_POINT, align("platform.axis", "platform.direction"), joint(2, "x"))),
     actuator="",
-    closes_when="A is on the line through B along platform.direction; platform.axis is square to "
-                "base.axis",
+    closes_when="A is on the line through B along platform.direction; platform.axis is "
+                "perpendicular to base.axis",
     source="Neumann: Tricept, US patent 4732525 (1988)"))
 
 register(LimbKind(
@@ -75,5 +75,5 @@ register(LimbKind(
 register(LimbKind(
     "UPR", False, FREE_HINGE, base=_ON_AXIS, middle=Chain((slide("lateral", "z", 0.0),)),
     platform=_platform(3), actuator="",
-    closes_when="platform.axis.(B-A) = lateral; platform.axis is square to base.axis",
+    closes_when="platform.axis.(B-A) = lateral; platform.axis is perpendicular to base.axis",
     source="Bi, Jin: Kinematic modeling of Exechon parallel kinematic machine (2011)"))

@@ -1,9 +1,9 @@
-"""Chains cut at their drive: a constant part, a motion by u along one twist, a constant part.
+"""Chains split at their drive: a constant part, a motion by u along one twist, a constant part.
 
     chain(g, u) = before exp(u twist) after,
 
-so that one number per row says where the chain ends. Every chain whose steps declare their drive
-(:attr:`chain.ChainStep.drive`) has this form; one that uses u otherwise has not.
+so that one number per row determines the chain's end. Every chain whose steps declare their drive
+(:attr:`chain.ChainStep.drive`) has this form, unless it uses u elsewhere.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ class DrivenChain:
     """One chain of L limbs at constant slots.
 
     Attributes:
-        before, after: motors (L, 8) to both sides of the drive.
-        drive: twist (L, 6) by which it moves per unit of u, axes before it; 0 without a drive.
+        before, after: motors (L, 8) on both sides of the drive.
+        drive: twist (L, 6) per unit of u, in the axes before it; 0 without a drive.
         still: slot -> twist (L, 6) in the chain's root axes, for slots before the drive.
-        carried: slot -> twist (L, 6) in the axes of the chain's end, for slots behind it.
+        carried: slot -> twist (L, 6) in the axes of the chain's end, for slots after it.
     """
 
     before: Array
@@ -42,7 +42,7 @@ class _DiffersByRow(Exception):
 
 
 class _WithoutDrive(dict[str, Any]):
-    """Values of a limb among which u is not: a step that asks for it raises KeyError."""
+    """Values of a limb without u: a step that needs it raises KeyError."""
 
     def get(self, key: str, default: Any = None) -> Any:
         if key == U:
@@ -52,11 +52,11 @@ class _WithoutDrive(dict[str, Any]):
 
 def cut_at_drive(chain: Chain, values: Values, wanted: Collection[str], limbs: int
                  ) -> DrivenChain | None:
-    """Return a chain in its two parts, None where it does not have this form.
+    """Return a chain in its two parts, None if it does not have this form.
 
     Args:
         chain: of the kind.
-        values: slots (1, L) and directions (1, L, 3), SI; slots (N, L) have no such form.
+        values: slots (1, L) and directions (1, L, 3), SI; slots (N, L) do not have this form.
         wanted: slots whose twists are needed, ``u`` among them.
         limbs: L.
     """
@@ -80,7 +80,7 @@ def cut_at_drive(chain: Chain, values: Values, wanted: Collection[str], limbs: i
 
 
 def _each(part: Array, limbs: int) -> Array:
-    """Return something of all limbs (L, ...) without the axis of rows."""
+    """Return values for all limbs (L, ...) without the row axis."""
     part = np.asarray(part, dtype=float)
     if part.ndim == 1:
         return np.broadcast_to(part, (limbs, *part.shape))
@@ -91,7 +91,7 @@ def _each(part: Array, limbs: int) -> Array:
 
 def _by_slot(groups: Collection[ErrorTwists], limbs: int, move: Array | None = None
              ) -> dict[str, Array]:
-    """Return the twists (L, 6) by slot, in root axes or carried on by motors (L, 8)."""
+    """Return the twists (L, 6) by slot, in root axes or transformed by motors (L, 8)."""
     out: dict[str, Array] = {}
     for group in groups:
         twists = group.twists()

@@ -1,6 +1,6 @@
-"""What a limb kind is, and the one closure that all of them share.
+"""Limb kinds, and the closure that all of them share.
 
-Lock the actuated joint: the two passive joints tie a point of one body to a surface of
+With the actuated joint locked, the two passive joints constrain a point of one body to a surface of
 the other, the limb's kinematic geometric body (KGB, [PPM] section 3.1). Both are vectors
 of the conformal algebra, so every closure equation is one inner product
 
@@ -26,22 +26,22 @@ from ppmcal.model.registry import Registry
 
 Part = tuple[Array, tuple[ErrorTwists, ...]]
 Still = tuple[Part, Part]
-"""Motors and twists of a base chain to where it follows the pose, and of a platform chain."""
+"""Motors and twists of the pose-independent part of a base chain, and of a platform chain."""
 
 
 @dataclass(frozen=True)
 class ClosureSurface:
     """The KGB of a limb for N poses, with the twists of its slots.
 
-    Axes: n poses (or 1 where nothing depends on the pose), k equations. Of L limbs together, the
-    limbs come behind the poses: (n, L, k, ...).
+    Axes: n poses (or 1 if independent of the pose), k equations. For L limbs together, the limb
+    axis follows that of poses: (n, L, k, ...).
 
     Attributes:
         fixed: base-side vectors, (n, k, 5), base axes.
         moving: platform-side vectors, (n, k, 5), platform axes.
         scale: s of the closure, (n, k); -1/radius for a sphere.
         radius: radius of spheres, (n, k), 0 for planes; m.
-        point_moves: whether the platform carries the point, (k,) (else the surface).
+        point_moves: whether the platform carries the point, (k,) (otherwise the surface).
         middle_lines: the leg's line in the middle chain's root axes, (n, k, 6).
         base, middle, platform: error twists of the wanted slots, chain by chain.
     """
@@ -59,14 +59,14 @@ class ClosureSurface:
 
 @dataclass(frozen=True)
 class EquationForm:
-    """One closure equation in words that the compiled path knows.
+    """One closure equation by a name known to the compiled path.
 
-    ``name``: ``sphere``, centred at the end of the base chain; ``base plane``, square to the local
+    ``name``: ``sphere``, centred at the end of the base chain; ``base plane``, normal to the local
     ``axis`` (0, 1, 2: x, y, z) of the base chain's end; ``platform plane``, of the platform's;
-    ``angle``, the local ``axis`` of the base chain's end square to ``other`` of the platform's;
-    ``between axes``, both of these in one plane with the line between the ends of the chains;
-    ``over sheave`` and ``over swivel``, a rope from the kind's pulley, whose axis is z of where the
-    base chain ends without it, or which turns about that; the rope is the middle chain's ``axis``.
+    ``angle``, the local ``axis`` of the base chain's end perpendicular to ``other`` of the
+    platform's; ``between axes``, both of these in one plane with the line between the chain ends;
+    ``over sheave`` and ``over swivel``, a rope from the kind's pulley, whose axis is z of the base
+    chain's end without it, or which swivels about that; the rope is the middle chain's ``axis``.
     """
 
     name: str
@@ -79,10 +79,10 @@ class Surface:
     """How the three chain motors become KGB vectors: one closure family.
 
     ``build(base, middle, platform)`` takes the chain motors (..., 8) and returns
-    ``fixed, moving, scale, radius, middle_lines`` as lists over the k equations. ``forms`` says the
-    same equation by equation; a family without them is evaluated by ``build`` alone. Where a limb
-    hangs on more than two passive joints the surface may depend on the pose besides: then it
-    ``turns``, and ``build`` takes the platform's motors, or None, after the chains'.
+    ``fixed, moving, scale, radius, middle_lines`` as lists over the k equations. ``forms`` lists
+    their forms; a family without them is evaluated by ``build`` alone. For limbs with more than two
+    passive joints the surface may also depend on the pose: then it ``turns``, and ``build`` takes
+    the platform's motors, or None, after the chains'.
     """
 
     name: str
@@ -93,18 +93,18 @@ class Surface:
 
     @property
     def equations(self) -> int:
-        """Number of closure equations that a limb of this family puts on the platform."""
+        """Number of closure equations that a limb of this family imposes on the platform."""
         return len(self.point_moves)
 
     @property
     def of_angles(self) -> tuple[bool, ...]:
-        """Which of them turn the platform and nothing else: cosines instead of lengths."""
+        """Which of them constrain only the platform's rotation: cosines instead of lengths."""
         forms = self.forms or (EquationForm(""),) * self.equations
         return tuple(f.name in ("angle", "between axes") for f in forms)
 
     @property
     def angles(self) -> bool:
-        """Whether one of them turns the platform and nothing else."""
+        """Whether one of them constrains only the platform's rotation."""
         return any(self.of_angles)
 
 
@@ -115,19 +115,19 @@ class LimbKind:
     Attributes:
         name: ``R(P)R``: joints from base to platform, the actuated one in parentheses; a passive
             limb has none.
-        planar: whether it lives in the x-y plane.
+        planar: whether it is in the x-y plane.
         surface: its closure family.
         base, middle, platform: its chains.
-        actuator: ``length`` or ``angle``, what the actuated joint measures; empty for a passive
-            limb, which has no drive.
-        branch: name of the setting that chooses between two inverse roots, or None.
-        strut: whether the joint value is a distance: only the larger root is one.
+        actuator: ``length`` or ``angle``, quantity of the actuated joint; empty for a passive limb,
+            which has no drive.
+        branch: name of the setting that selects one of two inverse roots, or None.
+        strut: whether the joint value is a distance: then only the larger root is valid.
         branch_sign: +1 if the setting's +1 is the larger root, -1 for the smaller.
-        closes_when: the closure in words of the contract, for messages.
+        closes_when: the closure in the terms of the contract, for messages.
         source: paper and equation.
-        written: as it is called in files, where that is not its name: of those called so the
-            motion decides, and the pulley.
-        pulls_only: whether it is a rope: it pulls, and cannot push.
+        written: its name in files, if different: motion and pulley select among kinds of one such
+            name.
+        pulls_only: whether it is a rope, which can pull but not push.
         pulley: over which it leaves the base, if any.
         effect: kind of effect whose parameters a file may give with the limb's slots, if any.
     """
@@ -150,17 +150,17 @@ class LimbKind:
     effect: str = ""
 
     def __reduce__(self) -> tuple[Callable[[str], LimbKind], tuple[str]]:
-        """Travel to other processes by name: the steps are functions."""
+        """Pickle by name: the steps are functions."""
         return find_kind, (self.name,)
 
     @property
     def driven(self) -> bool:
-        """Whether the limb has a drive; a passive one only holds the platform."""
+        """Whether the limb has a drive; a passive one only constrains the platform."""
         return bool(self.actuator)
 
     @property
     def called(self) -> str:
-        """As files call it."""
+        """Its name in files."""
         return self.written or self.name
 
     def point(self, end: str) -> str:
@@ -194,12 +194,12 @@ class LimbKind:
 
     @property
     def axes_without_errors(self) -> tuple[str, ...]:
-        """Names of those first directions that have no slots."""
+        """Names of first directions without error slots."""
         return tuple(step.constants[0] for step in self.steps if step.constants and not step.slots)
 
     @property
     def zeros(self) -> dict[str, str]:
-        """Of these the second that turns with a first: ``base.zero`` with ``base.axis``."""
+        """First directions with a second one that rotates along: ``base.axis`` -> ``base.zero``."""
         return {step.constants[0]: step.constants[1] for step in self.steps
                 if len(step.constants) > 1}
 
@@ -219,18 +219,18 @@ class LimbKind:
         return self.surface.turns or self.is_turned(values, wanted)
 
     def is_turned(self, values: Values, wanted: Collection[str] = ()) -> bool:
-        """Whether where it starts follows the pose.
+        """Whether its starting point depends on the pose.
 
-        Over a pulley; where the axes of a universal joint do not meet, or might not.
+        So over a pulley, and if the axes of a universal joint do not intersect, or might not.
         """
         return self.pulley is not None or self._turning(values, wanted) is not None
 
     @property
     def cannot_turn(self) -> str:
-        """Why it has no place where its joints or its pulley cannot turn towards a pose."""
+        """The reason if its joints or its pulley cannot turn towards a pose."""
         return "ends inside its pulley" if self.pulley else (
-            "ends within the axis_offset of its universal joint's first axis, where the joint "
-            "cannot turn towards it")
+            "ends within the axis_offset of its universal joint's first axis, so the joint cannot "
+            "turn towards it")
 
     def _turning(self, values: Values, wanted: Collection[str]) -> Chain | None:
         """Return the chain that ends in an offset universal joint."""
@@ -242,16 +242,16 @@ class LimbKind:
         return None
 
     def still(self, values: Values, wanted: Collection[str]) -> Still:
-        """Return what of a limb over a pulley is the same at all poses: to evaluate it but once."""
+        """Return the pose-independent part of a limb over a pulley, to evaluate it only once."""
         return (Chain(self.base.steps[:-1]).evaluate(values, wanted),
                 self.platform.evaluate(values, wanted))
 
     def turn(self, values: Values, pose: Array, wanted: Collection[str] = (),
              still: Still | None = None) -> dict[str, Array]:
-        """Return how an offset universal joint turns about its first axis at motors (N, 8).
+        """Return the angle of an offset universal joint about its first axis at motors (N, 8).
 
-        As :func:`axis_offset.turn_towards`; none where its axes meet. Of a pulley how the rope
-        leaves it (:class:`pulley.Pulley`).
+        See :func:`axis_offset.turn_towards`; empty if its axes intersect. For a pulley, how the
+        rope leaves it (:class:`pulley.Pulley`).
         """
         if self.pulley is not None:
             root, platform = (part[0] for part in still or self.still(values, ()))
@@ -272,10 +272,10 @@ class LimbKind:
         Args:
             values: all slots, the directions, and ``u`` (N,), SI.
             wanted: slot names, ``u`` for the actuated joint.
-            pose: motors (N, 8), on which the surface depends where the kind :meth:`turns`. Without
-                one (and without a turn among the values) the axes of all joints meet, and ropes
-                leave their pulley's centre.
-            still: as :meth:`still`, where it is known.
+            pose: motors (N, 8), on which the surface depends if the kind :meth:`turns`. Without
+                one (and without a turn among the values) the axes of all joints intersect, and
+                ropes start at the centre of their pulley.
+            still: the result of :meth:`still`, if known.
         """
         if pose is not None:
             values = {**values, **self.turn(values, pose, wanted, still)}
@@ -293,9 +293,9 @@ class LimbKind:
 
 
 def _stack(parts: list[Array], own: int) -> Array:
-    """Stack the k equations behind poses (and limbs): arrays (n?, L?, ...) -> (n, L?, k, ...).
+    """Stack the k equations after poses (and limbs): arrays (n?, L?, ...) -> (n, L?, k, ...).
 
-    ``own``: how many axes each of them has of its own, behind those.
+    ``own``: number of further axes of each, after those.
     """
     lead = max(1, *(p.ndim - own for p in parts))
     full = [p.reshape((1,) * (lead + own - p.ndim) + p.shape) for p in parts]
@@ -308,5 +308,5 @@ register, kinds = _REGISTRY.register, _REGISTRY.kinds
 
 
 def find_kind(name: str, where: str = "") -> LimbKind:
-    """Return the kind called ``name``, as :meth:`Registry.find`; functions pickle by name."""
+    """Return the kind called ``name``, like :meth:`Registry.find`; functions pickle by name."""
     return _REGISTRY.find(name, where)

@@ -1,9 +1,9 @@
-"""What an encoder reads at the joints of a limb: the driven one, and the passive ones.
+"""Readings of encoders at the joints of a limb: the driven one, and the passive ones.
 
-A limb that is closed says how each of its joints stands. A reading depends on how its two bodies
-lie to each other, so one line says how it moves, as for the closure: its pairing with a twist of
-the platform, and with the other sign of every frame before it. A turn about an axis alone is a line
-at infinity: no direction, the axis as its moment.
+The position of each joint follows from the closed limb. A reading depends on the relative pose of
+its two bodies, so its derivative is one line, as for the closure: paired with a twist of the
+platform, and with opposite sign with that of every frame before it. A pure rotation about an axis
+is a line at infinity: no direction, the axis as its moment.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ Reading = tuple[Array, Array, Array]
 
 @dataclass(frozen=True)
 class EncoderJoint:
-    """A joint that an encoder can be at.
+    """A joint that can have an encoder.
 
     ``quantity``: ``angle`` or ``length``; ``said``: its letter, or that it is driven; ``needs``:
     the direction that a limb must have for it, ``unless`` it has another; ``read``: motors (n, 8)
-    of the ends of the base's chain, of the middle one, of the platform's in base axes -> the
+    of the ends of the base chain, the middle chain, and the platform chain in base axes -> the
     reading; None: the drive's own u.
     """
 
@@ -53,7 +53,7 @@ def _axes(motor: Array, axis: int) -> Array:
 
 
 def _first_axis(base: Array, middle: Array, held: Array) -> Reading:
-    """Turn of a universal joint about its first axis, z, towards the rod's other end."""
+    """Angle of a universal joint about its first axis, z, towards the rod's other end."""
     end = cga.translation(held)
     seen = cga.move_point(cga.reverse(base), end)
     across = (cga.rotation_matrix(base) @ _across(seen)[..., None])[..., 0]
@@ -61,20 +61,20 @@ def _first_axis(base: Array, middle: Array, held: Array) -> Reading:
 
 
 def _hinge(base: Array, middle: Array, held: Array) -> Reading:
-    """Turn about z of the base chain's end: from the middle chain's reach to the platform."""
+    """Angle about z of the base chain's end: from the middle chain's reach to the platform."""
     value, line, _ = _first_axis(base, middle, held)
     reach = cga.translation(middle)
     return (value - np.arctan2(reach[..., 1], reach[..., 0]), line, _pull(_across(reach), reach))
 
 
 def _across(place: Array) -> Array:
-    """Return how the angle about z moves with a point (n, 3): 1/m, square to it and to z."""
+    """Return the derivative of the angle about z by a point (n, 3): 1/m, normal to it and to z."""
     x, y, _ = np.moveaxis(place, -1, 0)
     return np.asarray(np.stack([-y, x, np.zeros_like(x)], axis=-1) / (x * x + y * y)[..., None])
 
 
 def _turn(base: Array, middle: Array, held: Array) -> Reading:
-    """How far the platform is turned beyond both chains, about z, in the plane."""
+    """Rotation of the platform beyond both chains, about z, in the plane."""
     angle = sum(sign * np.arctan2(m[..., 1, 0], m[..., 0, 0]) for sign, m in (
         (1.0, cga.rotation_matrix(held)), (-1.0, cga.rotation_matrix(base)),
         (-1.0, cga.rotation_matrix(middle))))
@@ -83,20 +83,20 @@ def _turn(base: Array, middle: Array, held: Array) -> Reading:
 
 
 def _rest_of_turn(base: Array, middle: Array, held: Array) -> Reading:
-    """What the hinge at the other end leaves of the platform's turn, in the plane."""
+    """Rotation of the platform minus that at the other end's hinge, in the plane."""
     (a, line, own), (b, turn, couple) = _hinge(base, middle, held), _turn(base, middle, held)
     return b - a, turn - line, couple - own
 
 
 def _slide_on_base(base: Array, middle: Array, held: Array) -> Reading:
-    """How far the platform's point is along x of the base chain's end."""
+    """Position of the platform's point along x of the base chain's end."""
     end, reach, along = cga.translation(held), cga.translation(middle), _axes(base, 0)
     value = np.sum(along * (end - cga.translation(base)), axis=-1) - reach[..., 0]
     return value, _pull(along, end), _pull(np.broadcast_to([1.0, 0.0, 0.0], reach.shape), reach)
 
 
 def _slide_on_platform(base: Array, middle: Array, held: Array) -> Reading:
-    """How far the platform's point is, along its x, from the end of the middle chain."""
+    """Position of the platform's point, along its x, from the end of the middle chain."""
     start, along = cga.translation(base), _axes(held, 0)
     back = cga.translation(cga.reverse(middle))[..., 0]
     value = np.sum(along * (cga.translation(held) - start), axis=-1) + back
@@ -106,12 +106,12 @@ def _slide_on_platform(base: Array, middle: Array, held: Array) -> Reading:
 
 PASSIVE = {"sphere": (_hinge, _rest_of_turn), "circle": (_hinge,),
            "base plane": (_slide_on_base, _turn), "platform plane": (_turn, _slide_on_platform)}
-"""By closure family of planar limbs, and of one whose hinge is the base's: first and second joint.
-A ball has no angle of its own."""
+"""By closure family of planar limbs, and of one with a hinge on the base: first and second joint.
+A ball has no single angle."""
 
 
 def joints_of(kind: LimbKind) -> dict[str, EncoderJoint]:
-    """Return the joints of a limb kind that an encoder can be at, by name."""
+    """Return the joints of a limb kind that can have an encoder, by name."""
     letters = re.findall(r"\(?[A-Z]\)?", kind.name)
     if len(letters) != sum(step.joint for step in kind.steps):
         return {}
@@ -125,7 +125,7 @@ def joints_of(kind: LimbKind) -> dict[str, EncoderJoint]:
             continue
         own, other = offset_slot(kind.base), offset_slot(kind.platform)
         if plain == "U" and own is not None:
-            # with an axis on the platform's side that one is the U, and this one a ball
+            # with an axis on the platform's side, that joint is the U and this one a ball
             out[name] = EncoderJoint("angle", plain, own.needs, other.needs if other else "",
                                      _first_axis)
         elif plain in "RP" and (read := next(reads, None)) is not None:

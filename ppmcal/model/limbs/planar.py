@@ -1,4 +1,4 @@
-"""Planar limbs: a point on a circle, on a line of the base, or on a line of the platform."""
+"""Planar limbs: a point on a circle, a line of the base, or a line of the platform."""
 
 from __future__ import annotations
 

@@ -1,19 +1,19 @@
-"""Pulleys over which a rope leaves the base: on the tangent, as long as tangent and arc together.
+"""Pulleys over which a rope leaves the base: its length is that of the tangent plus the arc.
 
-Of a pulley of radius r the rope leaves at E = C + r n(t) along the tangent to the platform's point
-X, after the arc r w that it lies on:
+From a pulley of radius r the rope leaves at E = C + r n(t) along the tangent to the platform's
+point X, after the arc r w of contact:
 
     u = r w + |X - E|.
 
-A turn of t winds on as much as it lets off (an involute): t is stationary, and so is the swivel of
-a pulley that turns about the rope that comes onto it. So the derivative of the closure is the one
-line from E to X, as for a rope from a point, and so is that of a sphere about E.
+A change of t winds on as much as it pays out (an involute): u is stationary in t, and so it is in
+the swivel angle of a pulley that swivels about the incoming rope. So the derivative of the closure
+is the single line from E to X, as for a rope from a point, and equals that of a sphere about E.
 
-A rope that leaves a fixed sheave at an angle h/l to its plane bends at E; of the free length l its
-part f lies in that plane. Then t is not stationary. The derivative is the line from E + k n to X,
-k = r (l - f)/f: less than 1 mm beside E for a sheave of 50 mm that is left at 10 degrees.
+A rope that leaves a fixed sheave at an angle h/l to its plane bends at E; f is the component of the
+free length l in that plane. Then u is not stationary in t. The derivative is the line from E + k n
+to X, k = r (l - f)/f: less than 1 mm from E for a sheave of 50 mm and an angle of 10 degrees.
 
-Either way c = |X - E| + r w - u is told as a sphere about E + k n which has that value and that
+In both cases c = |X - E| + r w - u is expressed by a sphere about E + k n with the same value and
 derivative at X (:data:`surfaces.OVER_SHEAVE`, :data:`surfaces.OVER_SWIVEL`), whether the limb
 closes or not.
 """
@@ -39,18 +39,18 @@ from ppmcal.model.limbs.chain import (
 )
 
 EXIT, SWIVEL, WRAP, LEAN = "pulley.exit", "pulley.swivel", "pulley.wrap", "pulley.lean"
-"""Under which names the values hold how the rope leaves (N,): rad, and m for k."""
+"""Names of the values for how the rope leaves (N,): rad, and m for k."""
 X, Z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
 class Pulley:
-    """What a rope leaves over.
+    """A pulley over which a rope leaves.
 
     Attributes:
-        key: by which a file names it under ``base``.
+        key: its key in files under ``base``.
         leaves: (values, the platform's point in the axes of the pulley (..., 3)) -> how the rope
-            leaves, for the steps of the limb's chains; nan where that point is inside the pulley.
+            leaves, for the steps of the limb's chains; nan if that point is inside the pulley.
     """
 
     key: str
@@ -63,18 +63,18 @@ class Pulley:
 
 
 def _wrap(angle: Array) -> Array:
-    """Return an arc between a quarter turn less than none and one less than a whole turn, rad."""
+    """Return an arc between -pi/2 and 3 pi/2, rad."""
     return np.asarray(np.mod(angle + 0.5 * np.pi, 2.0 * np.pi) - 0.5 * np.pi)
 
 
 def _tangent(r: Array, away: Array) -> Array:
-    """Return the length of the tangent from a point so far ``away`` from the centre."""
+    """Return the length of the tangent from a point at distance ``away`` from the centre."""
     with np.errstate(invalid="ignore"):
         return np.asarray(np.sqrt(away * away - r * r))
 
 
 def _leaves_sheave(values: Values, seen: Array) -> dict[str, Array]:
-    """Return how a rope leaves a fixed sheave about z, wound in the sense of z from x on."""
+    """Return how a rope leaves a fixed sheave about z, wound positively about z starting at x."""
     r = np.asarray(values[SHEAVE.radius], dtype=float)
     free = _tangent(r, np.hypot(seen[..., 0], seen[..., 1]))
     turn = np.arctan2(seen[..., 1], seen[..., 0]) - np.arctan2(free, r)
@@ -82,7 +82,7 @@ def _leaves_sheave(values: Values, seen: Array) -> dict[str, Array]:
 
 
 def _leaves_swivel(values: Values, seen: Array) -> dict[str, Array]:
-    """Return how a rope leaves a pulley that has turned about z, on which it comes, towards X."""
+    """Return how a rope leaves a pulley that swivels towards X about z, the incoming rope."""
     r = np.asarray(values[SWIVELLING.radius], dtype=float)
     out, up = np.hypot(seen[..., 0], seen[..., 1]) - r, seen[..., 2]
     wrap = _wrap(np.arctan2(up, -out) - np.arctan2(_tangent(r, np.hypot(out, up)), r))
@@ -111,7 +111,7 @@ def over_sheave(planar: bool) -> tuple[Chain, Chain]:
 
 
 def over_swivel() -> tuple[Chain, Chain]:
-    """Return the chains of base and rope over a pulley that turns about the rope that comes."""
+    """Return the chains of base and rope over a pulley that swivels about the incoming rope."""
 
     def towards(values: Values) -> Array:
         t, wrap = (np.asarray(values[n], dtype=float) for n in (SWIVEL, EXIT))
@@ -129,7 +129,7 @@ def over_swivel() -> tuple[Chain, Chain]:
 def _upright(axis: str, zero: str) -> ChainStep:
     """Rotation that carries local z onto ``axis``, up or down, and local x onto ``zero``.
 
-    It has no errors: those of ``zero`` are those of the rope's offset.
+    It has no error slots: those of ``zero`` are equivalent to the rope's offset.
     """
 
     def motor(values: Values) -> Array:
@@ -140,7 +140,7 @@ def _upright(axis: str, zero: str) -> ChainStep:
 
 def _exit(pulley: Pulley, motor: Callable[[Values], Array], towards: Callable[[Values], Array]
           ) -> ChainStep:
-    """Translation to where the rope leaves; ``towards``: by how much with the radius (..., 3)."""
+    """Translation to where the rope leaves; ``towards``: its derivative by the radius (..., 3)."""
 
     def twists(values: Values) -> list[tuple[str, Array]]:
         n = towards(values)
@@ -151,7 +151,7 @@ def _exit(pulley: Pulley, motor: Callable[[Values], Array], towards: Callable[[V
 
 
 def _rope(pulley: Pulley, along: Array, across: Array) -> ChainStep:
-    """The rope that is not on the pulley, driven: u - r w ``along``, and k ``across``."""
+    """The rope off the pulley, driven: u - r w ``along``, and k ``across``."""
     unit = np.concatenate([np.zeros(3), along])
 
     def motor(values: Values) -> Array:

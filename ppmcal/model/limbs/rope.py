@@ -1,8 +1,8 @@
 """Ropes: cables, belts and strings from an anchor, or over a pulley, to the platform.
 
-A rope that pulls is as long as its two ends are apart, with the arc that lies on its pulley
-(:mod:`pulley`). What its winch or motor says is u = ratio q + offset: the offset is what of it is
-always paid out, or never counted. In files all of them are called ``rope``; the pulley says which.
+A taut rope is as long as the distance of its two ends, plus the arc on its pulley (:mod:`pulley`).
+Its winch or motor gives u = ratio q + offset: the offset is a length that is always paid out, or
+never counted. In files all of them are called ``rope``; the pulley selects the kind.
 """
 
 from __future__ import annotations

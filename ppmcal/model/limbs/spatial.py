@@ -1,9 +1,9 @@
 """Spatial limbs: U-S legs (a point on a sphere) and the R-S leg (a point on a circle).
 
-The two axes of a U may miss each other (:mod:`axis_offset`). Its first axis is fixed to the base of
-a U(P)S, to the carriage of a (P)US, which slides without turning and stands askew where its rail
-does, and parallel to the crank's on the arm of an (R)US; or it is fixed to the platform, where the
-U is there and the ball at the limb's other end.
+The two axes of a U need not intersect (:mod:`axis_offset`). Its first axis is fixed to the base of
+a U(P)S; to the carriage of a (P)US, which slides without rotating and is misaligned with its rail;
+and, parallel to the crank's, to the arm of an (R)US; or to the platform, if the U is there and the
+ball at the limb's other end.
 """
 
 from __future__ import annotations

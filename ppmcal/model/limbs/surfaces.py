@@ -1,12 +1,12 @@
-"""The closure families: what the chain motors tie to what.
+"""The closure families: the constraints that chain motors impose.
 
 Each builder yields, per closure equation, ``fixed, moving, scale, radius, middle line``; see
-:class:`kind.ClosureSurface`. The middle line is the leg's line seen from the middle
-chain's root: it turns errors of the middle chain into changes of radius or offset.
+:class:`kind.ClosureSurface`. The middle line is the leg's line in the axes of the middle chain's
+root: it converts errors of the middle chain to changes of radius or offset.
 
-A limb of fewer freedoms keeps directions of both bodies at an angle besides. Directions are planes
-through the origin, their inner product is the cosine, and its derivative by a twist (a x b).omega,
-a pure moment: what is square to within an angle counts as the arc of that angle at :data:`LEVER`.
+A limb of fewer freedoms also constrains the angle between directions of both bodies. Directions are
+planes through the origin, their inner product is the cosine, and its derivative by a twist
+(a x b).omega, a pure moment: a deviation from a right angle counts as its arc at :data:`LEVER`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ppmcal.model.limbs.kind import EquationForm, Surface
 
 _Equation = tuple[Array, Array, Array, Array, Array]
 LEVER = 1.0
-"""The length at which an angle condition is told, m."""
+"""The lever arm that converts angle conditions to lengths, m."""
 X, Y, Z = 0, 1, 2
 
 
@@ -39,7 +39,7 @@ def _dot(a: Array, b: Array) -> Array:
 
 
 def _axis(motor: Array, axis: int) -> Array:
-    """Return a local axis of where a chain ends (..., 3), in its root's axes."""
+    """Return a local axis of a chain's end (..., 3), in its root's axes."""
     return np.asarray(cga.rotation_matrix(motor)[..., :, axis], dtype=float)
 
 
@@ -63,7 +63,7 @@ def _base_plane(base: Array, middle: Array, platform: Array, axis: int = Y
 
 def _platform_plane(base: Array, middle: Array, platform: Array, axis: int = Y
                     ) -> Iterator[_Equation]:
-    """R-P: the limb's last revolute centre on a plane that the platform carries."""
+    """R-P: the limb's last revolute centre on a plane of the platform."""
     normal = _axis(platform, axis)
     offset = cga.translation(cga.reverse(middle))[..., axis]
     plane = cga.plane(normal, _dot(normal, cga.translation(platform)) + offset)
@@ -73,13 +73,13 @@ def _platform_plane(base: Array, middle: Array, platform: Array, axis: int = Y
 
 
 def _circle(base: Array, middle: Array, platform: Array) -> Iterator[_Equation]:
-    """R-S: sphere and plane, whose meet is the circle about the joint's axis."""
+    """R-S: sphere and plane, which intersect in the circle about the joint's axis."""
     yield from _sphere(base, middle, platform)
     yield from _base_plane(base, middle, platform, Z)
 
 
 def _angle(base: Array, platform: Array, axis: int, other: int = Z) -> Iterator[_Equation]:
-    """An axis of the base's side square to one of the platform's."""
+    """An axis on the base's side perpendicular to one on the platform's."""
     fixed, moving = _axis(base, axis), _axis(platform, other)
     shape = np.broadcast_shapes(fixed.shape, moving.shape)[:-1]
     yield (cga.plane(fixed, 0.0), cga.plane(moving, 0.0), np.full(shape, LEVER), np.zeros(shape),
@@ -87,20 +87,20 @@ def _angle(base: Array, platform: Array, axis: int, other: int = Z) -> Iterator[
 
 
 def _rod_and_angle(base: Array, middle: Array, platform: Array) -> Iterator[_Equation]:
-    """R-Pa-U: a parallelogram keeps the crank's axis, to which the platform's is square."""
+    """R-Pa-U: a parallelogram keeps the crank's axis; the platform's is perpendicular to it."""
     yield from _sphere(base, middle, platform)
     yield from _angle(base, platform, Z)
 
 
 def _plane_and_direction(base: Array, middle: Array, platform: Array) -> Iterator[_Equation]:
-    """R-R-R: the platform in a plane of the base, an axis of its own along the normal."""
+    """R-R-R: the platform in a plane of the base, one of its axes along the normal."""
     yield from _base_plane(base, middle, platform, Z)
     yield from _angle(base, platform, X)
     yield from _angle(base, platform, Y)
 
 
 def _hinge_on_platform(base: Array, middle: Array, platform: Array) -> Iterator[_Equation]:
-    """U-R: sphere and a plane of the platform, whose hinge is square to the U's first axis."""
+    """U-R: sphere and platform plane; the hinge is perpendicular to the U's first axis."""
     yield from _sphere(base, middle, platform)
     yield from _free_hinge(base, middle, platform)
 
@@ -112,7 +112,7 @@ def _free_hinge(base: Array, middle: Array, platform: Array) -> Iterator[_Equati
 
 
 def _held_slide(base: Array, middle: Array, platform: Array) -> Iterator[_Equation]:
-    """U-P: a line of the platform through the base's point, and it cannot turn about itself."""
+    """U-P: a line of the platform through the base's point, without rotation about itself."""
     yield from _platform_plane(base, middle, platform, Z)
     yield from _platform_plane(base, middle, platform, Y)
     yield from _angle(base, platform, Z)
@@ -129,10 +129,10 @@ def _between_axes(base: Array, middle: Array, platform: Array, pose: Array | Non
                   ) -> Iterator[_Equation]:
     """The first axes of two universal joints in one plane with the rod between them.
 
-    The joints' second axes are parallel, square to both first axes a and b and to the rod d: n,
-    where the rod is. So b - k d is square to n, whatever k is. With the k that keeps it so to first
-    order as n turns about a, the limb holds the platform by this alone: by a force where a and b
-    meet, by a moment where they are parallel.
+    The joints' second axes are parallel, along n, which is perpendicular to both first axes a and b
+    and to the rod d. So b - k d is perpendicular to n for any k. With the k that keeps it so to
+    first order as n rotates about a, this is the limb's only constraint on the platform: a force if
+    a and b intersect, a moment if they are parallel.
     """
     start, end, a = cga.translation(base), cga.translation(platform), _axis(base, Z)
     own = _axis(platform, Z)
@@ -153,10 +153,10 @@ def _between_axes(base: Array, middle: Array, platform: Array, pose: Array | Non
 
 def _over_pulley(base: Array, middle: Array, platform: Array, pose: Array | None, axis: int
                  ) -> Iterator[_Equation]:
-    """A rope over a pulley: its length beyond its joint's, exact, of a sphere that curves as it.
+    """A rope over a pulley: its length minus the joint's, exact, by a sphere of equal curvature.
 
-    The local ``axis`` of the middle chain is the rope, square to it k of :mod:`pulley`. At a pose
-    its equation is a length as it is, as that of a plane.
+    The local ``axis`` of the middle chain is the rope; k of :mod:`pulley` is perpendicular to it.
+    At a pose the equation is directly a length, like that of a plane.
     """
     centre, reach = cga.translation(base), cga.translation(middle)
     rope = reach[..., axis]
