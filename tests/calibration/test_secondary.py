@@ -154,7 +154,7 @@ def test_validate_without_any_of_its_extras(monkeypatch: pytest.MonkeyPatch, tmp
         whole.record.datasets[0].errors[0].position.rms)
     notes = [f for f in bare.findings if topic_of(f) == LEFT_OUT]
     for what in ("how much closer", "another assembly mode", "errors of position", "the noise that",
-                 "fitted to these measurements", "typed wrong", "the registration has to fit"):
+                 "fitted to these measurements", "mistyped", "the registration has to fit"):
         assert any(what in n for n in notes), what
     assert bare.headline() and all(e.closer is None for e in bare.record.datasets[0].errors[1:])
     bare.save(tmp_path / "out")

@@ -277,7 +277,7 @@ def test_bad_options_and_machines_are_refused(tmp_path: Path) -> None:
     assert "leg3 has no limits" in run.err and "--poses" in run.err
     path = edited(tmp_path, limits={f"leg{i}": [200, 210] for i in (1, 2, 3)})
     run = ppmcal("export", "grid", path, cwd=tmp_path, expect=3)
-    assert "next to nothing" in run.err and "limits" in run.err
+    assert "hardly any pose" in run.err and "limits" in run.err
     path.write_text("format: ppmcal/mechanism/1\nlimbs: [")
     run = ppmcal("export", "grid", path, cwd=tmp_path, expect=2)
     assert "m.yaml" in run.err and "fault of ppmcal" not in run.err
