@@ -199,7 +199,8 @@ def _at_same_moments(one: Dataset, two: Dataset) -> bool:
         same = np.array(one.sessions)[place[rows]] == np.array(two.sessions)[rows]
     for name in names:
         own = one.columns[name][:, None], two.columns[name][:, None]
-        near = np.abs(own[0][place[rows]] - own[1][rows])[:, 0] <= tolerances(*own)
+        near = np.abs(own[0][place[rows]] - own[1][rows])[:, 0] <= tolerances(
+            *own, (np.zeros(1), np.zeros(1)))
         same &= near | (name != "time") & np.isnan(own[1][rows, 0])
     return int(same.sum()) > 0.5 * min(len(one), len(two))
 
