@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from ppmcal import linalg
+from ppmcal.diagnosis.absorbed import testable
 from ppmcal.diagnosis.at_sessions import session_starts, zeros_are_known
 from ppmcal.diagnosis.by_session import by_session
 from ppmcal.diagnosis.grids import NEAR, Grids, lowest, sign, start_values, usual_range
@@ -380,4 +381,4 @@ def library(system: System, kinds: Sequence[str] | None = None, tried: Sequence[
         shapes(maker)
     if misread:
         maker.misread += misread_columns(maker)
-    return maker.library()
+    return testable(maker.library(), system)

@@ -1,9 +1,11 @@
 """What counts as one session and as one pose in it: decided here, and nowhere else.
 
 A column `session` decides it; without one each file is a session of its own, except files of one
-campaign: several targets of one body, seen at the same poses from one frame, and the heights and
-distances of one printer. Such files form one session. A pose held out of one file is held out of
-all, and an event between two poses happens in all files at once.
+campaign: several targets of one body, seen at the same poses from one frame, distances from several
+points at the same poses and times, and the heights and distances of one printer. Such files form
+one session. A pose held out of one file is held out of all, and an event between two poses happens
+in all files at once. The same holds for files that the column `session` joins, if their rows were
+recorded at the same poses and times.
 """
 
 from __future__ import annotations
@@ -149,9 +151,10 @@ def _one_file(one: Dataset, two: Dataset) -> bool:
 def _other_target(one: Dataset, two: Dataset) -> bool:
     """Whether two files hold two targets of one body, seen at the same poses from one frame.
 
-    Also true for readings of encoders at other joints, or of an inclinometer, at these poses.
+    Also true for readings of encoders at other joints, or of an inclinometer, at these poses, and
+    for whatever else was read at the same times.
     """
-    if _one_file(one, two):
+    if _one_file(one, two) or _at_same_moments(one, two):
         return True
     if one.sessions or two.sessions:
         return False
@@ -174,6 +177,40 @@ def _one_frame(one: Dataset, two: Dataset) -> bool:
         return one.frame.fitted and two.frame.fitted and not names[0].isdisjoint(names[1])
     return np.array_equal(one.frame.value, two.frame.value) and one.kind == two.kind and (
         not one.kind.scalar)
+
+
+def _at_same_moments(one: Dataset, two: Dataset) -> bool:
+    """Whether most rows of the shorter file are of poses and times of the other.
+
+    Clocks of two days that count from 0 may agree: a column `session` has to join the files, or all
+    that is recorded beside the distances from two points to be the same.
+    """
+    if bool(one.sessions) != bool(two.sessions) or not (one.sessions or _two_points(one, two)):
+        return False
+    names = one.columns.keys() & two.columns.keys()
+    if "time" not in names:
+        return False
+    place = _places(one, two)
+    rows = np.flatnonzero(place >= 0)
+    same = np.ones(rows.size, dtype=bool)
+    if one.sessions and two.sessions:
+        names = {"time"}
+        same = np.array(one.sessions)[place[rows]] == np.array(two.sessions)[rows]
+    for name in names:
+        own = one.columns[name][:, None], two.columns[name][:, None]
+        near = np.abs(own[0][place[rows]] - own[1][rows])[:, 0] <= tolerances(
+            *own, (np.zeros(1), np.zeros(1)))
+        same &= near | (name != "time") & np.isnan(own[1][rows, 0])
+    return int(same.sum()) > 0.5 * min(len(one), len(two))
+
+
+def _two_points(one: Dataset, two: Dataset) -> bool:
+    """Whether two files hold distances, each from a point of its own."""
+    fitted = one.frame.fitted, two.frame.fitted
+    apart = not _one_frame(one, two) if any(fitted) else not np.array_equal(
+        one.frame.value, two.frame.value)
+    return one.kind.along_line and two.kind.along_line and apart and (
+        one.to_q is None and two.to_q is None)
 
 
 def _at_one_time(one: Dataset, two: Dataset) -> bool:

@@ -125,6 +125,45 @@ def test_days_are_sessions(why: str) -> None:
     assert "several days" in one_session().hint
 
 
+def of_one_clock(kind: str, session: str = "") -> list[Dataset]:
+    """Two files of the same joints and times, each with a frame, or a point, of its own."""
+    columns = {"time": 45.0 * np.arange(ROWS), "temperature": 0.01 * np.arange(ROWS)}
+    return [replace(seen("A", joints(), TARGETS["A"]), name=name, kind=find_instrument(kind),
+                    frame=Unknown(True, np.zeros(6)), target=Unknown(False, np.zeros(3)),
+                    columns=columns, sessions=(session,) * ROWS if session else None)
+            for name in ("one", "two")]
+
+
+@pytest.mark.parametrize(("kind", "session"), [
+    ("distance", ""), ("distance", "monday"), ("position", "monday")])
+def test_files_of_the_same_poses_and_times_are_one_sequence(kind: str, session: str) -> None:
+    first, second = joined(of_one_clock(kind, session))
+    assert np.array_equal(second.numbers(), first.numbers())
+    assert np.array_equal(*pose_labels([first, second]))
+    assert [label for label, _ in session_masks([first, second])] == [session or "one + two"]
+
+
+@pytest.mark.parametrize("why", ["times", "temperatures", "no times", "sessions", "one point",
+                                 "positions"])
+def test_files_of_the_same_poses_at_other_times_follow_each_other(why: str) -> None:
+    one, two = of_one_clock("position" if why == "positions" else "distance",
+                            "monday" if why == "sessions" else "")
+    columns = dict(two.columns)
+    if why == "times":
+        columns["time"] = columns["time"] + 20.0
+    elif why == "temperatures":
+        columns["temperature"] = columns["temperature"] + 0.3
+    elif why == "no times":
+        del columns["time"]
+    elif why == "sessions":
+        two = replace(two, sessions=("tuesday",) * ROWS)
+    elif why == "one point":
+        one, two = (replace(d, frame=Unknown(False, np.zeros(6))) for d in (one, two))
+    datasets = joined([one, replace(two, columns=columns)])
+    assert datasets[1].numbers()[0] == ROWS + 1
+    assert len(session_masks(datasets)) == 2
+
+
 def test_heights_and_distances_of_a_printer_are_one_session() -> None:
     base = seen("A", joints(), TARGETS["A"])
     heights, distances, more = (

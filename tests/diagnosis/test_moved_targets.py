@@ -19,6 +19,7 @@ from ppmcal.calibration.fit.problem import Problem
 from ppmcal.commands.inputs import prepared
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.linear_system import build
+from ppmcal.io.campaign import joined
 from ppmcal.model.effects import EffectKind, find_effect
 from ppmcal.model.mechanism import Given, with_effect
 from ppmcal.notes import FINDING, NOTE
@@ -201,3 +202,25 @@ def test_a_point_of_another_day_tells_no_turns_of_this_one(tmp_path: Path) -> No
     system = build(problem, problem.start(), [np.ones(12, dtype=bool)] * 2)
     (found,) = {h.names for h in library(system, ["target_shift"]).hypotheses}
     assert found == ("x", "y")
+
+
+def test_what_each_day_has_free_anyway_is_no_candidate(tmp_path: Path) -> None:
+    """With a day's first row its frame and marks are unknown, and after it there are none."""
+    bench = package.load(machine(tmp_path))
+    days = []
+    for n in (0, 1):
+        files = wide(tmp_path, measured(5 + n, rows=12))
+        for d in package.read_data(bench, files):
+            name = f"day {n} {d.mark}"
+            frame = replace(d.frame, same_as=d.frame.same_as and f"day {n} T1")
+            days.append(replace(d, name=name, body=f"day {n}", frame=frame))
+    problem = Problem(bench, joined(days), bench.free)
+    system = build(problem, problem.start(), [np.ones(12, dtype=bool)] * 6)
+    found = library(system, ["base_shift", "target_shift", "zero_shift"])
+    assert {h.kind for h in found.hypotheses if h.begins} == {"zero_shift"}
+    assert {u.kind for u in found.untestable} == {"base_shift between sessions",
+                                                  "target_shift between sessions"}
+    steps = [h.constants["from_row"] for h in found.hypotheses
+             if h.family == "target_shift of day 0 T2"]
+    assert steps and max(steps) <= 12
+    assert max(h.constants["from_row"] for h in found.hypotheses) > 12

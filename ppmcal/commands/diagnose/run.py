@@ -86,12 +86,13 @@ def _lacking(untestable: Sequence[Untestable]) -> list[str]:
     """
     kinds: dict[tuple[tuple[str, ...], str], dict[str, None]] = {}
     for u in untestable:
-        where = f", {u.reason}" if topic_of(u.reason) == SOME_FILES else ""
+        where = f", {u.reason}" if topic_of(u.reason) == SOME_FILES or not u.missing else ""
         kinds.setdefault((u.missing, where), {})[u.kind] = None
     for alike in kinds.values():
         for kind in [k for k in alike if " " in k and k.partition(" ")[0] in alike]:
             del alike[kind]
-    return [f"{', '.join(some)} (need{'s' if len(some) == 1 else ''} "
+    return [f"{', '.join(some)} ({where.removeprefix(', ')})" if not missing else
+            f"{', '.join(some)} (need{'s' if len(some) == 1 else ''} "
             f"{', '.join(missing[:2])}{' ...' if len(missing) > 2 else ''}{where})"
             for (missing, where), some in kinds.items()]
 

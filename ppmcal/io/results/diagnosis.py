@@ -229,7 +229,8 @@ def effects_csv(result: Diagnosis) -> str:
         Column("survival", [*(c.visibility for c in some), *unknown]),
         Column("status", [*(c.status for c in some), *["not testable"] * len(none)]),
         Column("alternatives", [*("; ".join(c.alternatives) for c in some),
-                                *(f"needs {', '.join(u.missing)}" for u in none)]),
+                                *(f"needs {', '.join(u.missing)}" if u.missing else u.reason
+                                  for u in none)]),
         Column("side", [*(_side(result, c) for c in some), *blank]),
         Column("probability", [*(c.probability for c in some), *unknown]),
     ], mechanism.units)
