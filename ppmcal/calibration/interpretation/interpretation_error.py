@@ -18,6 +18,8 @@ HINTS = {
                      "nominal, give larger tolerances, or --prior flat",
     "shuffled": "No sidecar entry can correct that: put the measurements back into the order of "
                 "the joint values at their source, or leave those rows out",
+    "targets": "No sidecar entry can correct that: exchange the two targets in those rows, or leave "
+               "the rows out",
     "home": "Measure where the platform stands at home's joint values, and correct the home pose "
             "and the offsets with it. Or give `offset` tolerances of that size: the fit finds "
             "offsets then",
@@ -27,6 +29,7 @@ HINTS = {
             "finds offsets then",
     **{key.replace("_", "-"): f"Write into the sidecar: `{key}: unknown`"
        for key in ("frame", "target", "target_rotation")},
+    "point": "Write into the sidecar: `instrument: {point: unknown}`",
     "offset": "Write into the sidecar: `instrument: {offset: unknown}`"}
 """What only the user can correct, by kind of mistake."""
 PLAIN = ("stale", "outside-limits")
@@ -110,13 +113,26 @@ class InterpretationError(NoResult):
     @classmethod
     def of(cls, found: Sequence[Interpretation], units: Units) -> InterpretationError:
         """Return the refusal that names the mistakes and the lines that correct them."""
-        several = len({m.source for m in found}) > 1
-        # a mistake shared by all targets of a file shows in each of them
-        what = "; ".join(dict.fromkeys(
-            f"{m.source}: " * several + interpretation_sentence(m, units) for m in found))
+        told = sentences_of(found, units)
+        several = len({tuple(sources) for sources in told.values()}) > 1
+        what = "; ".join(f"{', '.join(sources)}: " * several + sentence
+                         for sentence, sources in told.items())
         error = cls(what, ", ".join(dict.fromkeys(m.source for m in found)), hint_of(found))
         error.found, error.units = tuple(found), units
         return error
+
+
+def sentences_of(found: Sequence[Interpretation], units: Units) -> dict[str, list[str]]:
+    """Return what is wrong, with the files of which it is true.
+
+    A mistake of all files, or of all targets of one, shows in each of them.
+    """
+    out: dict[str, list[str]] = {}
+    for m in found:
+        sources = out.setdefault(interpretation_sentence(m, units), [])
+        if m.source not in sources:
+            sources.append(m.source)
+    return out
 
 
 def interpretation_sentence(found: Interpretation, units: Units) -> str:

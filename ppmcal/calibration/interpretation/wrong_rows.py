@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.special import chdtri
 
 from ppmcal.calibration.fit import (
     Fit,
@@ -27,6 +26,12 @@ from ppmcal.calibration.fit import (
     shown,
 )
 from ppmcal.calibration.interpretation.candidates import joint_readings, pose_readings
+from ppmcal.calibration.interpretation.exchanged_targets import (
+    best_stretch,
+    exchanged_in_part,
+    exchanged_targets,
+    within,
+)
 from ppmcal.calibration.interpretation.interpretation_error import (
     FileFault,
     Interpretation,
@@ -34,10 +39,8 @@ from ppmcal.calibration.interpretation.interpretation_error import (
 )
 from ppmcal.calibration.interpretation.limits import (
     AGAINST,
-    CHANCE,
     FEWEST_ROWS,
     LANDS,
-    SLACK,
 )
 from ppmcal.calibration.interpretation.obvious_mistakes import rows_with_negative_struts
 from ppmcal.calibration.interpretation.readings import ColumnInterpretation, readable
@@ -56,6 +59,8 @@ SCREENED = 12
 
 def wrong_rows(fit: Fit) -> tuple[Interpretation, ...]:
     """Return stretches of rows that are misread, or rows that are exchanged, by data set."""
+    if any(k.any() for k in fit.outliers) and (told := exchanged_targets(fit)):
+        return told
     apart = [_LeftOut(fit, i) for i, d in enumerate(fit.problem.datasets) if readable(d)]
     found = (_exchanged(a) or _stretch(a) for a in apart if len(a.rows) >= FEWEST_ROWS)
     return tuple(m for m in found if m is not None)
@@ -70,6 +75,8 @@ def wrong_parts(problem: Problem) -> tuple[Interpretation, ...]:
     Args:
         problem: machine and data; of several files each is examined alone.
     """
+    if told := exchanged_in_part(problem):
+        return told
     found: dict[str, Interpretation] = {}
     for data, part in right_parts(problem):
         if readable(data) and data.source not in found:
@@ -90,17 +97,10 @@ def _fit_of_part(problem: Problem, part: Ints) -> Fit | None:
         whole = replace(problem, pivots=(some.problem.opens[0].about,))
         state = whole.solve(State(some.state.g, some.state.registrations, whole.start().poses))
         found = distances(whole, state, prediction_covariance(some), [np.zeros_like(keep)])
-        keep = _within(found.square[0], found.size[0], float(some.noise_factor[0]))
+        keep = within(found.square[0], found.size[0], float(some.noise_factor[0]))
     if keep.mean() < 1.0 / PARTS:
         return None
     return replace(some, problem=whole, state=state, keep=(keep,))
-
-
-def _within(square: Array, size: Array, factor: float) -> Bools:
-    """Return which rows (N,) are within the noise, times a fit's factor and some slack."""
-    limit = (SLACK * factor)**2 * chdtri(np.maximum(size, 1.0), CHANCE)
-    with np.errstate(invalid="ignore"):
-        return np.asarray((square <= limit) & (size > 0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +139,7 @@ class _LeftOut:
         registration = fit.state.registrations[i]
         pose = alone.reached(0, Model(fit.problem.mechanism, fit.state.g), registration.homing)
         found = distances(alone, State(fit.state.g, (registration,), (pose,)))
-        return _within(found.square[0], found.size[0], float(fit.noise_factor[i]))
+        return within(found.square[0], found.size[0], float(fit.noise_factor[i]))
 
     def read(self, readings: Sequence[ColumnInterpretation], rows: Ints) -> Bools:
         """Return which rows fit under which readings (R, n), all at once."""
@@ -167,7 +167,7 @@ def _stretch(apart: _LeftOut) -> Interpretation | None:
     right = apart.read([readings[best]], apart.usable)[0]
     gain = np.zeros(len(data))
     gain[apart.usable] = np.where(right, np.isin(apart.usable, rows), -AGAINST)
-    begin, end, sure = _best_stretch(gain)
+    begin, end, sure = best_stretch(gain)
     if sure < FEWEST_ROWS:
         return None
     numbers = tuple(data.rows[begin:end].tolist())
@@ -176,15 +176,6 @@ def _stretch(apart: _LeftOut) -> Interpretation | None:
     told[0] = replace(told[0], text=f"rows {numbers[0]} to {numbers[-1]}: {told[0].text}")
     told[-1] = replace(told[-1], text=f"{told[-1].text} ({there})")
     return Interpretation(data.source, tuple(told))
-
-
-def _best_stretch(gain: Array) -> tuple[int, int, float]:
-    """Return the stretch of rows (N,) with the largest gain: first, end, and the gain."""
-    total = np.append(0.0, np.cumsum(gain))
-    lowest = np.minimum.accumulate(total)
-    end = int(np.argmax(total - lowest))
-    begin = int(np.flatnonzero(total[:end + 1] == lowest[end])[-1])
-    return begin, end, float(total[end] - lowest[end])
 
 
 def _exchanged(apart: _LeftOut) -> Interpretation | None:

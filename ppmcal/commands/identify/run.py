@@ -26,6 +26,7 @@ from ppmcal.calibration.fit import (
 from ppmcal.calibration.fit import identify as fitted
 from ppmcal.calibration.interpretation import (
     InterpretationError,
+    place_hints,
     refuse_after_fit,
     refuse_before_fit,
     refuse_columns,
@@ -134,6 +135,8 @@ def run(asked: IdentifyArguments) -> IdentificationResult:
         beside += secondary("what else the registration might fit",
                            lambda: hint_sentences(found.fit, registration_hints(found.fit)), [],
                            extra)
+        beside += secondary("whether a stated point is elsewhere", lambda: place_hints(found.fit),
+                            [], extra)
     beside += secondary(PATTERN, lambda: left_over(fit, seed), [], extra)
     if before is not None:
         from ppmcal.calibration.sessions import carried_on
