@@ -20,6 +20,8 @@ HINTS = {
                 "the joint values at their source, or leave those rows out",
     "targets": "No sidecar entry can correct that: exchange the two targets in those rows, or leave "
                "the rows out",
+    "machine-unit": "Correct `units: {length: ...}` in the mechanism file; or, if that is right, the "
+                    "unit of length in every sidecar, which is then wrong by the same factor",
     "home": "Measure where the platform stands at home's joint values, and correct the home pose "
             "and the offsets with it. Or give `offset` tolerances of that size: the fit finds "
             "offsets then",
@@ -149,6 +151,11 @@ def interpretation_sentence(found: Interpretation, units: Units) -> str:
               "hardly any row had a pose; " * (not found.at) + "read so, the median error is")
     return (f"{what}: {before} {found.after / factor:.3g} {unit}, and a short fit leaves "
             f"{found.noise_after:.2g} times the noise")
+
+
+def unit_words(unit: str) -> str:
+    """Return a unit as written after ``in``."""
+    return "inches" if unit == "in" else unit
 
 
 _UNIT = re.compile(r"[^\s\[\]()]+(?=\s*[\])]\s*$)")

@@ -38,6 +38,7 @@ from ppmcal.calibration.interpretation.limits import (
     WORST,
     explains,
 )
+from ppmcal.calibration.interpretation.mechanism_unit import other_unit
 from ppmcal.calibration.interpretation.obvious_mistakes import (
     other_zeros,
     refuse_wrong_units,
@@ -214,7 +215,7 @@ def _misfit(problem: Problem, part: bool) -> Score:
         look = Look.at(problem)
     except BadInput:
         found = tuple(m for m in _misreadings(problem) if m.noise_after <= TELLING)
-        found = found or _other_zeros(problem)
+        found = found or other_unit(problem, np.inf) or _other_zeros(problem)
         if not found:
             raise
         return Score(readings=found)
@@ -225,8 +226,10 @@ def _misfit(problem: Problem, part: bool) -> Score:
         found = () if worst <= LANDS else stated_places(problem, replace(as_read, nominal=worst))
         return replace(as_read, readings=found)
     # a reading that explains everything saves the fit of a misread file, which is slow
-    found = _misreadings(problem) or (() if part else other_assembly(problem)
-                                      or stated_places(problem, as_read))
+    found = _misreadings(problem)
+    if not part and not any(m.noise_after <= TELLING for m in found):
+        found = other_unit(problem, as_read.total) or found
+    found = found or (() if part else other_assembly(problem) or stated_places(problem, as_read))
     if found:
         return replace(as_read, readings=found)
     fitted = look.score(np.inf)
