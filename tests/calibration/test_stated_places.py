@@ -1,15 +1,15 @@
-"""Distances whose sidecars state the tool or the fixed point wrongly: that is named, not geometry."""
+"""Distances with a tool, a fixed point or a unit stated wrongly: that is named, not geometry."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.bodies import MARKS, measured, turned
+from helpers.bodies import MARKS, machine, measured, turned
 
 import ppmcal as package
-from helpers.bodies import machine as bench
 from ppmcal.calibration.fit import Problem, identify
 from ppmcal.calibration.interpretation import InterpretationError, refuse_before_fit
 from ppmcal.calibration.interpretation.read_rightly import refuse_after_fit
@@ -20,7 +20,7 @@ POINTS = {"ball1": (150.0, 80.0), "ball2": (900.0, 150.0), "ball3": (480.0, 700.
 def campaign(folder: Path, target: tuple[float, float], points: dict[str, object]) -> Problem:
     """Return distances of mark T1 from three points; ``target``, ``points``: as stated."""
     seen = measured(5, slots=("offset",))
-    bench(folder)
+    machine(folder)
     at = seen.poses[:, :2] + (turned(seen.poses[:, 2]) @ np.array(MARKS["T1"]))
     noise = np.random.default_rng(1).normal(size=(3, len(at))) * 0.01
     for (name, point), scatter in zip(POINTS.items(), noise, strict=True):
@@ -31,9 +31,9 @@ def campaign(folder: Path, target: tuple[float, float], points: dict[str, object
             f"format: ppmcal/dataset/1\nname: {name}\nunits: {{length: mm, angle: deg}}\n"
             "instrument: {kind: distance, sigma: {distance: 0.01}, "
             f"point: {points.get(name, list(point))}}}\nframe: known\ntarget: {list(target)}\n")
-    machine = package.load(folder / "bench.yaml")
-    data = tuple(package.read_data(machine, *(folder / f"{name}.csv" for name in POINTS)))
-    return Problem(machine, data, machine.free)
+    bench = package.load(folder / "bench.yaml")
+    data = tuple(package.read_data(bench, *(folder / f"{name}.csv" for name in POINTS)))
+    return Problem(bench, data, bench.free)
 
 
 def refusal(problem: Problem) -> InterpretationError | None:
@@ -46,6 +46,7 @@ def refusal(problem: Problem) -> InterpretationError | None:
     return None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stated", [(40.0, 15.0), (60.0, -15.0)])
 def test_a_target_stated_wrongly_in_all_files_is_named_once(
         tmp_path: Path, stated: tuple[float, float]) -> None:
@@ -58,6 +59,7 @@ def test_a_target_stated_wrongly_in_all_files_is_named_once(
     assert np.hypot(x - MARKS["T1"][0], y - MARKS["T1"][1]) < 1.0
 
 
+@pytest.mark.slow
 def test_a_point_with_the_other_sign_is_named(tmp_path: Path) -> None:
     found = refusal(campaign(tmp_path, MARKS["T1"], {"ball2": [900, -150]}))
     assert found is not None and "ball2.csv" in found.where and "ball1" not in found.where
@@ -65,6 +67,7 @@ def test_a_point_with_the_other_sign_is_named(tmp_path: Path) -> None:
     assert found.hint == "Write into the sidecar: `instrument: {point: unknown}`"
 
 
+@pytest.mark.slow
 def test_exchanged_files_are_named(tmp_path: Path) -> None:
     found = refusal(campaign(tmp_path, MARKS["T1"], {"ball1": list(POINTS["ball2"]),
                                                      "ball2": list(POINTS["ball1"])}))
@@ -74,3 +77,15 @@ def test_exchanged_files_are_named(tmp_path: Path) -> None:
 def test_right_files_are_taken(tmp_path: Path) -> None:
     assert refusal(campaign(tmp_path, MARKS["T1"], {})) is None
     assert refusal(campaign(tmp_path, MARKS["T1"], dict.fromkeys(POINTS, "unknown"))) is None
+
+
+@pytest.mark.parametrize(("unit", "word", "wrong"), [
+    ("cm", "cm", ["ball2"]), ("in", "inches", list(POINTS))])
+def test_distances_in_another_unit_are_named(tmp_path: Path, unit: str, word: str,
+                                             wrong: list[str]) -> None:
+    problem = campaign(tmp_path, MARKS["T1"], {})
+    size = {"cm": 10.0, "in": 25.4}[unit]
+    found = refusal(replace(problem, datasets=tuple(
+        replace(d, value=d.value / size) if d.name in wrong else d for d in problem.datasets)))
+    assert found is not None and f"distance is in {word}, not mm" in found.what
+    assert [m.block for m in found.found] == [{"units": {"distance": unit}}] * len(wrong)

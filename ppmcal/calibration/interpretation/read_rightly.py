@@ -39,6 +39,7 @@ from ppmcal.calibration.interpretation.limits import (
     explains,
 )
 from ppmcal.calibration.interpretation.mechanism_unit import other_unit
+from ppmcal.calibration.interpretation.number_units import number_units
 from ppmcal.calibration.interpretation.obvious_mistakes import (
     other_zeros,
     refuse_wrong_units,
@@ -223,13 +224,13 @@ def _misfit(problem: Problem, part: bool) -> Score:
     if as_read.total <= LANDS:
         # among more rows of other files those of one would count as single mistakes
         worst = max(map(look.times, range(len(problem.datasets))))
-        found = () if worst <= LANDS else stated_places(problem, replace(as_read, nominal=worst))
+        found = () if worst <= LANDS else _single_numbers(problem, replace(as_read, nominal=worst))
         return replace(as_read, readings=found)
     # a reading that explains everything saves the fit of a misread file, which is slow
     found = _misreadings(problem)
     if not part and not any(m.noise_after <= TELLING for m in found):
         found = other_unit(problem, as_read.total) or found
-    found = found or (() if part else other_assembly(problem) or stated_places(problem, as_read))
+    found = found or (() if part else other_assembly(problem) or _single_numbers(problem, as_read))
     if found:
         return replace(as_read, readings=found)
     fitted = look.score(np.inf)
@@ -237,6 +238,11 @@ def _misfit(problem: Problem, part: bool) -> Score:
     if not found and any(True for _ in right_parts(problem)):
         return as_read
     return replace(fitted, readings=found)
+
+
+def _single_numbers(problem: Problem, as_read: Score) -> tuple[Interpretation, ...]:
+    """Return what is wrong with heights or distances: their unit, or a point that is stated."""
+    return number_units(problem, as_read.total) or stated_places(problem, as_read)
 
 
 def _misreadings(problem: Problem, astray: frozenset[int] = frozenset()

@@ -211,7 +211,7 @@ class ColumnInterpretation:
         """Return the reading of a file as its sidecar says."""
         planar, units = mechanism.motion.planar, data.units
         turns = QUATERNION[:3] if data.convention in QUATERNIONS else TURNS
-        number = [data.kind.number] if of_a_joint(data) else []
+        number = [data.kind.number] if data.kind.scalar else []
         return cls(
             _as_stated(data, [f"q_{a}" for a in mechanism.actuators],
                        range(len(mechanism.actuators)),
