@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,6 +30,7 @@ from ppmcal.io.measurement_columns import (
     second_joints,
 )
 from ppmcal.io.noise_limits import refuse_noise
+from ppmcal.io.pose_fields import COORDINATES
 from ppmcal.io.reading import in_conventions, in_units
 from ppmcal.io.recorded import form_of
 from ppmcal.io.sidecar import SidecarFile, located, offset_of, read_sidecar, sidecar_path
@@ -82,10 +83,11 @@ def read_files(path: Path, mechanism: Mechanism) -> tuple[Table, SidecarFile, st
     Raises:
         BadInput: as :func:`ppmcal.io.tables.read_table` and :func:`read_sidecar`.
     """
+    header: Sequence[str] = ()
     if not sidecar_path(path).is_file():
         # what is wrong with the table comes first
-        read_table(path, loose=may_be_words(ReadFile(), mechanism))
-    file, side = read_sidecar(path)
+        header = read_table(path, loose=may_be_words(ReadFile(), mechanism)).header
+    file, side = read_sidecar(path, header)
     loose = may_be_words(file.read, mechanism, file.instrument.kind)
     return read_table(path, loose=loose, sheet=file.read.sheet), file, side
 
@@ -131,8 +133,9 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism,
     names.check_columns(table.header, mechanism, source, kind)
     findings += names.ambiguous_directions(table.header, mechanism, source)
     joint = mechanism.joint_factors(units)
-    q, commanded = joint_values(table, mechanism, units, joint)
-    seen, unused = measured(table, mechanism, file, side)
+    with names.offering(strange, lambda name: f"{mark}_{name}" if mark and name in COORDINATES else name):
+        q, commanded = joint_values(table, mechanism, units, joint)
+        seen, unused = measured(table, mechanism, file, side)
     sigma_actuator = actuator_noise(file.instrument.sigma.actuator, mechanism, joint, side)
     conditions = further_columns(table, mechanism, joint)
     approach, more = _approach(file, table)

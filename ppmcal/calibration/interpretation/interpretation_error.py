@@ -48,6 +48,7 @@ NOISE = "times the noise"
 class FileFault:
     """One respect in which a file differs from how it was read.
 
+    ``columns`` of a ``target`` is its name, of several in one file.
     ``kind``: permuted, sign, unit, rotation, inverse, mirrored, exchanged, shifted, stale,
     outside-limits, joint, home, zero, assembly or radius; ``columns`` affected; ``text``:
     in words; ``rows``: by number in the CSV, if not all of them.
@@ -207,7 +208,12 @@ def block_text(block: object) -> str:
 def hint_of(found: Sequence[Interpretation]) -> str:
     """Return the lines to write into the sidecars, or what else to do."""
     every = [x for m in found for x in m.mistakes]
-    hints = dict.fromkeys(HINTS[x.kind] for x in every if x.kind in HINTS)
+    marks = dict.fromkeys(c for x in every if x.kind == "target" for c in x.columns)
+    hints = dict.fromkeys(HINTS[x.kind] for x in every
+                          if x.kind in HINTS and not (x.kind == "target" and x.columns))
+    if marks:
+        lines = ", ".join(f"{mark}: unknown" for mark in marks)
+        hints[f"Write into the sidecar, among its `targets`: `{lines}`"] = None
     if hints:
         return ". ".join(hints)
     blocks: dict[str, list[str]] = {}

@@ -44,6 +44,7 @@ from ppmcal.calibration.interpretation.limits import (
 )
 from ppmcal.calibration.interpretation.obvious_mistakes import rows_with_negative_struts
 from ppmcal.calibration.interpretation.readings import ColumnInterpretation, readable
+from ppmcal.calibration.interpretation.targets_read import merged
 from ppmcal.calibration.interpretation.score import PARTS, read_in_ways, right_parts
 from ppmcal.errors import PpmcalError
 from ppmcal.kinematics.closure import Model
@@ -61,9 +62,28 @@ def wrong_rows(fit: Fit) -> tuple[Interpretation, ...]:
     """Return stretches of rows that are misread, or rows that are exchanged, by data set."""
     if any(k.any() for k in fit.outliers) and (told := exchanged_targets(fit)):
         return told
+    return _with_lines(_wrong_rows(fit))
+
+
+def _wrong_rows(fit: Fit) -> list[Interpretation]:
     apart = [_LeftOut(fit, i) for i, d in enumerate(fit.problem.datasets) if readable(d)]
     found = (_exchanged(a) or _stretch(a) for a in apart if len(a.rows) >= FEWEST_ROWS)
-    return tuple(m for m in found if m is not None)
+    return [m for m in found if m is not None]
+
+
+def _with_lines(found: Sequence[Interpretation]) -> tuple[Interpretation, ...]:
+    """Return stretches with the lines for a file of their own, once for targets of one file."""
+    out: dict[object, list[Interpretation]] = {}
+    for m in found:
+        out.setdefault((m.source, m.mistakes), []).append(m)
+    told = []
+    for same in out.values():
+        first = same[0]
+        there = lines_for(merged(same), {h: new for m in same for h, new in m.headers.items()})
+        last = first.mistakes[-1]
+        last = replace(last, text=f"{last.text} ({there})" if there else last.text)
+        told.append(replace(first, mistakes=(*first.mistakes[:-1], last), block=None, headers={}))
+    return tuple(told)
 
 
 def wrong_parts(problem: Problem) -> tuple[Interpretation, ...]:
@@ -77,13 +97,13 @@ def wrong_parts(problem: Problem) -> tuple[Interpretation, ...]:
     """
     if told := exchanged_in_part(problem):
         return told
-    found: dict[str, Interpretation] = {}
+    found: dict[str, Sequence[Interpretation]] = {}
     for data, part in right_parts(problem):
-        if readable(data) and data.source not in found:
+        if readable(data) and not found.get(data.name):
             with suppress(PpmcalError):
                 fit = _fit_of_part(problem.alone(data), part)
-                found |= {m.source: m for m in (wrong_rows(fit) if fit else ())}
-    return tuple(found.values())
+                found[data.name] = _wrong_rows(fit) if fit else ()
+    return _with_lines([m for own in found.values() for m in own])
 
 
 def _fit_of_part(problem: Problem, part: Ints) -> Fit | None:
@@ -172,10 +192,9 @@ def _stretch(apart: _LeftOut) -> Interpretation | None:
         return None
     numbers = tuple(data.rows[begin:end].tolist())
     told = [replace(m, rows=numbers) for m in readings[best].mistakes(data)]
-    there = lines_for(readings[best].block(data), readings[best].headers(data))
     told[0] = replace(told[0], text=f"rows {numbers[0]} to {numbers[-1]}: {told[0].text}")
-    told[-1] = replace(told[-1], text=f"{told[-1].text} ({there})")
-    return Interpretation(data.source, tuple(told))
+    return Interpretation(data.source, tuple(told), readings[best].block(data),
+                          headers=readings[best].headers(data))
 
 
 def _exchanged(apart: _LeftOut) -> Interpretation | None:
