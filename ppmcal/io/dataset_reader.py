@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -38,7 +38,7 @@ from ppmcal.io.sidecar_values import actuator_noise, at_point, point_of, rotatio
 from ppmcal.io.tables import SUFFIXES, read_table
 from ppmcal.io.yaml import number_text
 from ppmcal.kinematics.pose_readings import shifted_rows
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.instruments import InstrumentKind
 from ppmcal.model.mechanism import Mechanism
@@ -284,8 +284,9 @@ def _usable(data: Dataset, mechanism: Mechanism, mark: str) -> Dataset:
                 f"{data.source}: {row_list(data.rows[rows] - 1)}: {reason}; left out.",
                 NOTE if mark and reason != lacking else FINDING))
             dropped += [(int(i), reason) for i in data.rows[rows]]
+    findings += _partly_empty(data, mechanism, joints & seen)
     if not dropped:
-        return data
+        return replace(data, findings=tuple(findings))
     keep = np.asarray(joints & seen)
     if not keep.any():
         commands = "joint values" if data.commanded is None else "a commanded pose"
@@ -293,6 +294,21 @@ def _usable(data: Dataset, mechanism: Mechanism, mark: str) -> Dataset:
                        "Fill in the empty cells")
     return replace(data.take(keep), findings=tuple(findings),
                    dropped=tuple(sorted(dropped)))
+
+
+def _partly_empty(data: Dataset, mechanism: Mechanism, used: Bools) -> Iterator[Note]:
+    """Yield the cells that are empty in rows (N,) of which the others are used."""
+    if data.kind.scalar or data.kind.blind:
+        return
+    at = list(data.kind.coordinates(mechanism.motion))
+    missing = ~np.isfinite(np.hstack([data.position, data.rotation])[:, at])
+    for c, own in enumerate(missing.T):
+        rows = own & used & ~missing.all(axis=1)
+        if rows.any() and not own.all():
+            column = data.kind.columns(mechanism.motion)[c]
+            yield Note(f"{data.source}: {row_list(data.rows[rows] - 1)}: "
+                       f"{data.headers.get(column, column)} is empty; what else was measured there "
+                       "is used.", NOTE)
 
 
 def _remark(data: Dataset, table: Table, file: SidecarFile, side: str) -> None:

@@ -284,8 +284,9 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
               ) -> tuple[Note, ...]:
     out = [f for d in fit.problem.datasets for f in d.findings]
     if fit.taken_back:
-        out.append(Note(f"{pluralize(fit.taken_back, 'row')} had no pose at the nominal machine, "
-                        "have one at the fitted machine, and are in use", topic="row weights"))
+        out.append(Note(f"no way from home led to a pose of the nominal machine in "
+                        f"{pluralize(fit.taken_back, 'row')}; with the fitted machine it does, and "
+                        "they are in use", topic="row weights"))
     if gone.sentence:
         out.append(Note(f"{gone.sentence}; {DIAGNOSE}", topic="row weights"))
     if noise.failed:
