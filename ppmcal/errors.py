@@ -84,7 +84,8 @@ class LinearAlgebraError(NoResult):
 def unknown(what: str, name: object, allowed: Iterable[object], where: str = "") -> BadInput:
     """Return the error for a name that is not in ``allowed``, with the nearest match."""
     names = [str(a) for a in allowed]
-    near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5)
+    near = [n for n in names if n.lower() == str(name).lower()] or difflib.get_close_matches(
+        str(name), names, n=1, cutoff=0.5)
     if not near:
         lower = {n.lower(): n for n in names}
         near = [lower[m] for m in difflib.get_close_matches(str(name).lower(), lower, 1, 0.5)]

@@ -11,7 +11,13 @@ import numpy as np
 
 from ppmcal.calibration.interpretation import without_shared
 from ppmcal.errors import BadInput, unknown
-from ppmcal.io.body_targets import named_targets, refuse_unsaid, stands, wide_parts
+from ppmcal.io.body_targets import (
+    TargetPart,
+    named_targets,
+    refuse_unsaid,
+    stands,
+    wide_parts,
+)
 from ppmcal.io.csv import Table
 from ppmcal.io.dataset_reader import dataset_of, read_files, table_path
 from ppmcal.io.sidecar import SidecarFile, sidecar_path
@@ -88,8 +94,7 @@ def _of_columns(table: Table, file: SidecarFile, side: str, mechanism: Mechanism
         try:
             data = dataset_of(part.table, part.file, side, mechanism, part.target)
         except BadInput as error:
-            raise BadInput(error.what, f"{error.where} (target {part.target})",
-                           error.hint) from None
+            raise BadInput(error.what, _place(error.where, part), error.hint) from None
         own = {column: header for header, column in part.columns.items()}
         out.append(replace(
             data, mark=part.target, wide=True, headers={**data.headers, **own}, stands=data.rows,
@@ -98,6 +103,15 @@ def _of_columns(table: Table, file: SidecarFile, side: str, mechanism: Mechanism
             findings=tuple(n for n in data.findings if n not in told)))
         told |= set(data.findings)
     return out
+
+
+def _place(where: str, part: TargetPart) -> str:
+    """Return a place in the part of one target as it is in the file: a column by its header."""
+    before, found, column = where.rpartition("column ")
+    header = {own: header for header, own in part.columns.items()}.get(column)
+    if header:
+        return f"{before}{found}{header}"
+    return where if found else f"{where} (target {part.target})"
 
 
 def read_campaign(paths: Sequence[str | os.PathLike[str]], mechanism: Mechanism

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from difflib import get_close_matches
 
 from ppmcal.errors import BadInput
@@ -125,6 +126,42 @@ def strangers(columns: Mapping[str, Sequence[str] | None], mechanism: Mechanism,
     return strange, [Note(f"{source}: column{'s' * (not one)} {names}: not used, nobody knows "
                           f"{'it' if one else 'them'}. `read: {{ignore: [{ignore}]}}` in the "
                           "sidecar says that this is meant")]
+
+
+class MissingColumns(BadInput):
+    """Columns that a file must have and has not; ``names``: which, as we call them."""
+
+    names: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, names: Sequence[str], why: str, where: str, hint: str) -> MissingColumns:
+        """Return the refusal of a header without some columns; ``why``: who needs them."""
+        error = cls(f"there is no column {', '.join(names)}{why}", where, hint)
+        error.names = tuple(names)
+        return error
+
+
+@contextmanager
+def offering(strange: Sequence[str], called: Callable[[str], str] = str) -> Iterator[None]:
+    """Offer the columns of a file that nobody knows where one is missing that is needed.
+
+    ``called``: what a sidecar calls a column of ours.
+    """
+    try:
+        yield
+    except MissingColumns as error:
+        if not strange:
+            raise
+        lower = {name.lower(): name for name in strange}
+        left = [n for n in strange if n.lower() not in error.names]
+        meant = {name: lower.get(name.lower()) or (left.pop(0) if left else strange[0])
+                 for name in error.names}
+        lines = ", ".join(f"{called(name)}: {header}" for name, header in meant.items())
+        raise MissingColumns.of(
+            error.names, error.what.partition(", ".join(error.names))[2], error.where,
+            f"Nobody knows {', '.join(strange)}: if that is what is missing, write into the "
+            f"sidecar `read: {{columns: {{{lines}}}}}`, with the right names. Else: "
+            f"{error.hint[:1].lower()}{error.hint[1:]}") from None
 
 
 def ambiguous_directions(header: Sequence[str], mechanism: Mechanism, source: str) -> list[Note]:

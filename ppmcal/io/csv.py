@@ -27,6 +27,8 @@ from ppmcal.wording.progress import note
 log = logging.getLogger(__package__)
 SHOWN = 24
 """Columns of a table that are logged."""
+NO_TABLES = (b"%PDF-", b"PK\x03\x04", b"{\\rtf")
+"""What files of other programs begin with: PDF, those of offices, RTF."""
 LARGEST = 1e15
 """No cell of a column that the program computes with may hold a larger number."""
 
@@ -160,7 +162,7 @@ def cleaned(data: bytes, source: str) -> bytes:
     """Return UTF-8 bytes with newlines only."""
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise BadInput("is UTF-16 text", source, "Save it as CSV in UTF-8")
-    if b"\x00" in data:
+    if b"\x00" in data or data.startswith(NO_TABLES):
         raise BadInput("is a binary file", source,
                        "Give a CSV file; export spreadsheets as comma-separated text")
     data = data.removeprefix(b"\xef\xbb\xbf")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,6 +30,7 @@ from ppmcal.io.measurement_columns import (
     second_joints,
 )
 from ppmcal.io.noise_limits import refuse_noise
+from ppmcal.io.pose_fields import COORDINATES
 from ppmcal.io.reading import in_conventions, in_units
 from ppmcal.io.recorded import form_of
 from ppmcal.io.sidecar import SidecarFile, located, offset_of, read_sidecar, sidecar_path
@@ -37,7 +38,7 @@ from ppmcal.io.sidecar_values import actuator_noise, at_point, point_of, rotatio
 from ppmcal.io.tables import SUFFIXES, read_table
 from ppmcal.io.yaml import number_text
 from ppmcal.kinematics.pose_readings import shifted_rows
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.instruments import InstrumentKind
 from ppmcal.model.mechanism import Mechanism
@@ -82,10 +83,11 @@ def read_files(path: Path, mechanism: Mechanism) -> tuple[Table, SidecarFile, st
     Raises:
         BadInput: as :func:`ppmcal.io.tables.read_table` and :func:`read_sidecar`.
     """
+    header: Sequence[str] = ()
     if not sidecar_path(path).is_file():
         # what is wrong with the table comes first
-        read_table(path, loose=may_be_words(ReadFile(), mechanism))
-    file, side = read_sidecar(path)
+        header = read_table(path, loose=may_be_words(ReadFile(), mechanism)).header
+    file, side = read_sidecar(path, header)
     loose = may_be_words(file.read, mechanism, file.instrument.kind)
     return read_table(path, loose=loose, sheet=file.read.sheet), file, side
 
@@ -131,8 +133,9 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism,
     names.check_columns(table.header, mechanism, source, kind)
     findings += names.ambiguous_directions(table.header, mechanism, source)
     joint = mechanism.joint_factors(units)
-    q, commanded = joint_values(table, mechanism, units, joint)
-    seen, unused = measured(table, mechanism, file, side)
+    with names.offering(strange, lambda name: f"{mark}_{name}" if mark and name in COORDINATES else name):
+        q, commanded = joint_values(table, mechanism, units, joint)
+        seen, unused = measured(table, mechanism, file, side)
     sigma_actuator = actuator_noise(file.instrument.sigma.actuator, mechanism, joint, side)
     conditions = further_columns(table, mechanism, joint)
     approach, more = _approach(file, table)
@@ -281,8 +284,9 @@ def _usable(data: Dataset, mechanism: Mechanism, mark: str) -> Dataset:
                 f"{data.source}: {row_list(data.rows[rows] - 1)}: {reason}; left out.",
                 NOTE if mark and reason != lacking else FINDING))
             dropped += [(int(i), reason) for i in data.rows[rows]]
+    findings += _partly_empty(data, mechanism, joints & seen)
     if not dropped:
-        return data
+        return replace(data, findings=tuple(findings))
     keep = np.asarray(joints & seen)
     if not keep.any():
         commands = "joint values" if data.commanded is None else "a commanded pose"
@@ -290,6 +294,21 @@ def _usable(data: Dataset, mechanism: Mechanism, mark: str) -> Dataset:
                        "Fill in the empty cells")
     return replace(data.take(keep), findings=tuple(findings),
                    dropped=tuple(sorted(dropped)))
+
+
+def _partly_empty(data: Dataset, mechanism: Mechanism, used: Bools) -> Iterator[Note]:
+    """Yield the cells that are empty in rows (N,) of which the others are used."""
+    if data.kind.scalar or data.kind.blind:
+        return
+    at = list(data.kind.coordinates(mechanism.motion))
+    missing = ~np.isfinite(np.hstack([data.position, data.rotation])[:, at])
+    for c, own in enumerate(missing.T):
+        rows = own & used & ~missing.all(axis=1)
+        if rows.any() and not own.all():
+            column = data.kind.columns(mechanism.motion)[c]
+            yield Note(f"{data.source}: {row_list(data.rows[rows] - 1)}: "
+                       f"{data.headers.get(column, column)} is empty; what else was measured there "
+                       "is used.", NOTE)
 
 
 def _remark(data: Dataset, table: Table, file: SidecarFile, side: str) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.io.column_names import ENVIRONMENT, tension_columns
+from ppmcal.io.column_names import ENVIRONMENT, MissingColumns, tension_columns
 from ppmcal.io.csv import Table, refuse_absurd
 from ppmcal.io.noise_limits import correlated_noise
 from ppmcal.io.pose_fields import (
@@ -102,8 +102,8 @@ def joint_values(table: Table, mechanism: Mechanism, units: Units, joint: Array
     commands, place = [c for c in table.header if c.startswith("cmd_")], f"{table.source}: header"
     missing = [n for n in names if n not in table.header]
     if missing and not commands:
-        raise BadInput(f"there is no column {', '.join(missing)}", place,
-                       "Give the joint values of all actuators, or commanded poses (cmd_x, ...)")
+        raise MissingColumns.of(missing, "", place, "Give the joint values of all actuators, or "
+                                "commanded poses (cmd_x, ...)")
     _refuse_empty(table, [n for n in names if n not in missing],
                   "Fill it in, or remove the column")
     q = stacked(table, names) * joint
@@ -333,9 +333,8 @@ def _rotation(table: Table, mechanism: Mechanism, units: Units) -> Array:
 def _need(table: Table, names: tuple[str, ...], who: str) -> None:
     missing = [n for n in names if n not in table.header]
     if missing:
-        raise BadInput(f"there is no column {', '.join(missing)}, which the {who} needs",
-                       f"{table.source}: header", "Add it, or change `instrument.kind` in the "
-                                                  "sidecar")
+        raise MissingColumns.of(missing, f", which the {who} needs", f"{table.source}: header",
+                                "Add it, or change `instrument.kind` in the sidecar")
     _refuse_empty(table, names, f"Fill it in: the {who} needs it")
 
 

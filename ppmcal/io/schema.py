@@ -172,6 +172,15 @@ def _one_of(what: str, name: object, allowed: Collection[object]) -> None:
         raise refuse(error.what, error.hint) from None
 
 
+def _refuse_comma(key: object, data: Mapping[Any, Any], names: Collection[str]) -> None:
+    """Refuse ``{angle: 0,02}``, which YAML takes for an angle of 0 and a key 02."""
+    before = [*data][:[*data].index(key)]
+    if str(key).isdigit() and data[key] is None and before and before[-1] in names and isinstance(
+            data[before[-1]], int):
+        raise refuse(f"the number of '{before[-1]}' seems to have a decimal comma",
+                     "Write a point, such as 0.02 for 0,02: a comma ends an entry here")
+
+
 @dataclass(frozen=True)
 class Registered:
     """The name of a registered kind, which becomes that kind; an ``enum`` in the JSON Schema."""
@@ -230,6 +239,7 @@ class Strict(BaseModel):
             raise refuse(f"{show(data)} is not a mapping",
                          f"Write keys with values here: {', '.join(names)}")
         for key in data if cls.model_config.get("extra") != "allow" else ():
+            _refuse_comma(key, data, names)
             _one_of("key", key, names)
         for name, field in cls.model_fields.items():
             if field.is_required() and name not in data:

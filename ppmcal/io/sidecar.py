@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Generic, TypeVar
 
@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, model_validator
 
 from ppmcal.design.virtual_instrument import Instrument
 from ppmcal.errors import BadInput
-from ppmcal.io.header import ReadFile
+from ppmcal.io.header import ReadFile, bare_name
 from ppmcal.io.noise_limits import refuse_sigma
 from ppmcal.io.schema import (
     LARGEST,
@@ -50,11 +50,15 @@ from ppmcal.units import Units
 N = TypeVar("N")
 FORMAT = "ppmcal/dataset/1"
 EXAMPLE = """format: ppmcal/dataset/1
-units: {length: mm, angle: deg}
-instrument: {kind: pose, sigma: {position: 0.01, rotation: 0.002}}
-frame: unknown
+units: {{length: mm, angle: deg}}
+instrument: {instrument}
+frame: {frame}
 target: unknown
 """
+OF_POSES = "{kind: pose, sigma: {position: 0.01, rotation: 0.002}}"
+OF_NUMBERS = {"distance": ("{kind: distance, sigma: {distance: 0.01}, point: unknown}", "known"),
+              "height": ("{kind: plane, sigma: {height: 0.01}}", "unknown")}
+"""Instrument and frame of an example, by the column that is there."""
 ONE_OR_SEVERAL = ("there are several `targets`, and one `target`",
                   "Take `target` out, or write it as one of the `targets`")
 
@@ -200,8 +204,17 @@ def sidecar_path(csv_path: Path) -> Path:
     return short if short.is_file() and not long.is_file() else long
 
 
-def read_sidecar(csv_path: Path) -> tuple[SidecarFile, str]:
+def _example(header: Sequence[str]) -> str:
+    """Return a sidecar for a table with these columns."""
+    instrument, frame = next((OF_NUMBERS[bare_name(c)] for c in header
+                              if bare_name(c) in OF_NUMBERS), (OF_POSES, "unknown"))
+    return EXAMPLE.format(instrument=instrument, frame=frame)
+
+
+def read_sidecar(csv_path: Path, header: Sequence[str] = ()) -> tuple[SidecarFile, str]:
     """Return the sidecar of a CSV, and its path for messages.
+
+    ``header``: of the table, for the example where there is none.
 
     Raises:
         BadInput: there is none (the message shows one to write), or it is wrong.
@@ -210,7 +223,7 @@ def read_sidecar(csv_path: Path) -> tuple[SidecarFile, str]:
     if path.is_file():
         return check(SidecarFile, read_yaml(path), str(path)), str(path)
     raise BadInput(f"the measurement file has no sidecar {path.name} (units, instrument, frame)",
-                   str(csv_path), f"Write {path}, for example:\n{EXAMPLE}with your own values")
+                   str(csv_path), f"Write {path}, for example:\n{_example(header)}with your own values")
 
 
 def sidecar_of(content: Mapping[str, Any], mechanism: Mechanism) -> SidecarFile:

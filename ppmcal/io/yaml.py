@@ -37,6 +37,10 @@ _TAB = re.compile(rb" *\t")
 _TAG = "tag:yaml.org,2002:"
 
 
+TABLES = (".csv", ".parquet", ".xlsx")
+"""What ends the names of tables, which stand in no place of these files."""
+
+
 class _Loader(yaml.CSafeLoader):
     """Safe loader that refuses duplicate keys."""
 
@@ -117,6 +121,8 @@ def read_yaml(path: Path) -> dict[str, Any]:
         raise BadInput("is empty", str(path), "It must hold at least `format:` and `units:`")
     if not isinstance(tree, dict):
         raise BadInput("is not a mapping of keys to values", str(path),
+                       "This looks like a table: the mechanism file comes first, then the tables"
+                       if path.suffix.lower() in TABLES else
                        "Begin it with a line such as `format: ppmcal/mechanism/1`")
     _check_size(tree, path)
     return tree

@@ -1,9 +1,11 @@
-"""Machines whose file gives a diameter for a radius, or the reverse."""
+"""Machines whose file gives a diameter for a radius, or the reverse, or lengths in another unit."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from ppmcal.model.mechanism import Mechanism
 
@@ -32,3 +34,21 @@ def scaled_points(mechanism: Mechanism, ends: Sequence[str], factor: float) -> M
         parameters.append(replace(p, value=factor * p.value, nominal=factor * p.nominal)
                           if mine else p)
     return replace(mechanism, parameters=tuple(parameters)) if found else None
+
+
+def scaled_lengths(mechanism: Mechanism, factor: float) -> Mechanism:
+    """Return the machine with all its lengths, and their tolerances, times ``factor``."""
+    def scaled(value: float | None) -> float | None:
+        return None if value is None else factor * value
+
+    parameters = tuple(p if not p.quantity.startswith("length") else replace(
+        p, value=factor * p.value, nominal=factor * p.nominal, tolerance=scaled(p.tolerance),
+        sigma=scaled(p.sigma), size=scaled(p.size)) for p in mechanism.parameters)
+    of_joints = np.array([factor if q == "length" and not bare else 1.0 for q, bare in zip(
+        mechanism.actuator_quantity, mechanism.actuator_has_ratio, strict=True)])
+    return replace(
+        mechanism, parameters=parameters,
+        home_pose=mechanism.home_pose * np.where(np.arange(6) < 3, factor, 1.0),
+        home_q=mechanism.home_q * of_joints, limits=mechanism.limits * of_joints[:, None],
+        gaps={name: factor * gap for name, gap in mechanism.gaps.items()},
+        digits={q: v * (factor if q == "length" else 1.0) for q, v in mechanism.digits.items()})

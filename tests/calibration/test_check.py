@@ -4,6 +4,7 @@ import json
 
 import pytest
 import yaml
+from helpers import bodies
 from helpers.commands import ppmcal
 from helpers.machines import CASES, mechanism_text, plain, plain_text, read_text
 from helpers.paths import ROOT
@@ -216,3 +217,17 @@ def test_ropes_hold_where_the_platform_hangs_and_not_on_the_other_side(
 def test_ropes_of_shipped_machines_hold(name):
     machine = read_mechanism(ROOT / "configs" / f"{name}.yaml")
     assert not [f for f in check(machine).findings if "hold the platform" in str(f)]
+
+
+def test_check_says_how_far_the_nominal_machine_misses(tmp_path):
+    bodies.machine(tmp_path)
+    bodies.wide(tmp_path, bodies.measured(3))
+    found = ppmcal("check", "bench.yaml", "wide.csv", "--json", cwd=tmp_path, expect=0)
+    misses = json.loads(found.out)["misses"]["position"]
+    assert 0.005 < misses["rms"] < 5.0 and misses["unit"] == "mm"
+
+    bench = tmp_path / "bench.yaml"
+    bench.write_text(bench.read_text().replace("point: [1000, 0]", "point: [1006, 0]"))
+    found = ppmcal("check", "bench.yaml", "wide.csv", cwd=tmp_path, expect=1)
+    assert "Errors of the nominal machine before any fit of its geometry: position" in found.out
+    assert "farther from nominal than tolerances allow: leg2.base.point.x by" in found.out

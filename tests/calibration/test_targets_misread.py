@@ -146,3 +146,28 @@ def test_the_sidecar_s_other_lines_stay(tmp_path: Path) -> None:
     assert found.found[0].block == {"units": {"T1_x": "m", "T1_y": "m"},
                                     "columns": {"T2_x": "T2_y", "T2_y": "T2_x"}}
     assert np.all(seen.poses[:, :2] > 0.0)    # that signs of the marks mean something
+
+
+def test_a_stated_mark_is_opened_among_the_targets(tmp_path: Path) -> None:
+    machine(tmp_path)
+    path = wide(tmp_path, measured(3))
+    beside = path.with_suffix(".yaml")
+    stated = "T1: [40, -15], T2: [-65, 30], T3: {}".format
+    beside.write_text(beside.read_text().replace(listed(["T1", "T2", "T3"]), (
+        f"targets: {{{stated('[60, 30]')}}}")))
+    error = as_read(path)
+    assert error is not None and "target T3: the measured point is not where" in error.what
+    assert error.hint == "Write into the sidecar, among its `targets`: `T3: unknown`"
+    beside.write_text(beside.read_text().replace(stated("[60, 30]"), stated("unknown")))
+    assert as_read(path) is None
+
+
+def test_rows_in_cm_are_told_with_the_columns_of_all_marks(tmp_path: Path) -> None:
+    machine(tmp_path)
+    seen = measured(3)
+    for at in seen.marks.values():
+        at[14:] /= 10.0
+    error = as_read(wide(tmp_path, seen))
+    assert error is not None and "rows 15 to 40: x and y are in cm, not mm" in error.what
+    assert error.what.count("rows 15 to 40") == 1
+    assert all(f"{name} [cm]" in error.what for name in ("T1x", "T1y", "T2x", "T3y"))

@@ -52,6 +52,7 @@ if TYPE_CHECKING:
         refuse_other_machine as refuse_other_machine,
     )
     from ppmcal.calibration.interpretation.rope_tightness import slack_ropes as slack_ropes
+    from ppmcal.calibration.interpretation.stated_places import place_hints as place_hints
 
 if not TYPE_CHECKING:   # type checkers read the names above
     __getattr__ = on_first_use(__name__)

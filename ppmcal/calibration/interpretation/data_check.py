@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -23,11 +23,14 @@ from ppmcal.calibration.interpretation.interpretation_error import (
     Interpretation,
     hint_of,
     interpretation_sentence,
+    sentences_of,
 )
 from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes
 from ppmcal.calibration.interpretation.read_rightly import refusal
 from ppmcal.calibration.interpretation.ropes_at_home import slack_at_home
+from ppmcal.calibration.interpretation.stated_places import place_hints
 from ppmcal.calibration.knowledge import Identifiability, identifiability, tilt_sentences
+from ppmcal.calibration.validation import before, beyond_tolerances
 from ppmcal.kinematics.closed_at_home import (
     DEAD_POINT,
     LimbGap,
@@ -61,7 +64,8 @@ class Check:
     to which no measured row is sensitive; ``redundant`` further ones that others explain;
     ``identifiability``: what a fit to the measurements would leave open, None without any;
     ``misreadings``: how the files should be read instead; ``unidentifiable``: unseen and redundant
-    parameters as whole sets.
+    parameters as whole sets; ``misses``: errors of the nominal machine, SI, as identify has them
+    before the fit.
     """
 
     findings: tuple[Note, ...]
@@ -75,6 +79,7 @@ class Check:
     identifiability: Identifiability | None = None
     misreadings: tuple[Interpretation, ...] = ()
     unidentifiable: tuple[Unidentifiable, ...] = ()
+    misses: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 @stage("checking")
@@ -104,12 +109,14 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
     judged = bool(mechanism.free) and value >= SINGULAR_HOME
     misreadings: tuple[Interpretation, ...] = ()
     if datasets and judged:
-        refused = refusal(Problem(mechanism, tuple(datasets), mechanism.free))
+        refused, fit = refusal(Problem(mechanism, tuple(datasets), mechanism.free))
         misreadings = refused.found if refused else ()
         findings = [*_not_told(findings, misreadings), *_told(misreadings, mechanism)]
         if refused and not misreadings:
             said = " ".join(f"{part}." for part in (refused.what, refused.hint) if part)
             findings.append(Note(said, topic="interpretation"))
+        elif fit is not None:
+            findings += [*beyond_tolerances(fit), *place_hints(fit)]
     out = Check((), gaps, value, q_home, misreadings=(*misreadings, *(
         m for d in datasets for m in plain_mistakes(d, mechanism, misreadings))))
     used = tuple(datasets) or ((trial_dataset(mechanism),) if judged else ())
@@ -124,7 +131,8 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
                      "unit and the home pose.", topic="poses"))
         if datasets and out.columns:
             findings += branch_findings(start.problem, start.state)
-            out = replace(out, identifiability=identifiability(start))
+            out = replace(out, identifiability=identifiability(start), misses=before(
+                start.problem, start.keep).residuals.figures(start.keep))
             findings += tilt_sentences(start, fitted=False)
     return replace(out, findings=tuple(findings))
 
@@ -142,9 +150,10 @@ def _open_limbs(mechanism: Mechanism, gaps: Sequence[LimbGap]) -> Iterator[Note]
 
 def _told(misreadings: Sequence[Interpretation], mechanism: Mechanism) -> Iterator[Note]:
     """Yield what is read wrongly, and how to read it."""
-    for m in misreadings:
-        what = interpretation_sentence(m, mechanism.units)
-        yield Note(f"{m.source}: {what}{'' if what.endswith('?') else '.'} {hint_of([m])}.",
+    for what, sources in sentences_of(misreadings, mechanism.units).items():
+        own = [m for m in misreadings if interpretation_sentence(m, mechanism.units) == what]
+        yield Note(f"{', '.join(sources)}: {what}{'' if what.endswith('?') else '.'} "
+                   f"{hint_of(own)}.",
                    topic="interpretation")
 
 

@@ -18,6 +18,10 @@ HINTS = {
                      "nominal, give larger tolerances, or --prior flat",
     "shuffled": "No sidecar entry can correct that: put the measurements back into the order of "
                 "the joint values at their source, or leave those rows out",
+    "targets": "No sidecar entry can correct that: exchange the two targets in those rows, or leave "
+               "the rows out",
+    "machine-unit": "Correct `units: {length: ...}` in the mechanism file; or, if that is right, the "
+                    "unit of length in every sidecar, which is then wrong by the same factor",
     "home": "Measure where the platform stands at home's joint values, and correct the home pose "
             "and the offsets with it. Or give `offset` tolerances of that size: the fit finds "
             "offsets then",
@@ -27,6 +31,7 @@ HINTS = {
             "finds offsets then",
     **{key.replace("_", "-"): f"Write into the sidecar: `{key}: unknown`"
        for key in ("frame", "target", "target_rotation")},
+    "point": "Write into the sidecar: `instrument: {point: unknown}`",
     "offset": "Write into the sidecar: `instrument: {offset: unknown}`"}
 """What only the user can correct, by kind of mistake."""
 PLAIN = ("stale", "outside-limits")
@@ -43,6 +48,7 @@ NOISE = "times the noise"
 class FileFault:
     """One respect in which a file differs from how it was read.
 
+    ``columns`` of a ``target`` is its name, of several in one file.
     ``kind``: permuted, sign, unit, rotation, inverse, mirrored, exchanged, shifted, stale,
     outside-limits, joint, home, zero, assembly or radius; ``columns`` affected; ``text``:
     in words; ``rows``: by number in the CSV, if not all of them.
@@ -110,13 +116,26 @@ class InterpretationError(NoResult):
     @classmethod
     def of(cls, found: Sequence[Interpretation], units: Units) -> InterpretationError:
         """Return the refusal that names the mistakes and the lines that correct them."""
-        several = len({m.source for m in found}) > 1
-        # a mistake shared by all targets of a file shows in each of them
-        what = "; ".join(dict.fromkeys(
-            f"{m.source}: " * several + interpretation_sentence(m, units) for m in found))
+        told = sentences_of(found, units)
+        several = len({tuple(sources) for sources in told.values()}) > 1
+        what = "; ".join(f"{', '.join(sources)}: " * several + sentence
+                         for sentence, sources in told.items())
         error = cls(what, ", ".join(dict.fromkeys(m.source for m in found)), hint_of(found))
         error.found, error.units = tuple(found), units
         return error
+
+
+def sentences_of(found: Sequence[Interpretation], units: Units) -> dict[str, list[str]]:
+    """Return what is wrong, with the files of which it is true.
+
+    A mistake of all files, or of all targets of one, shows in each of them.
+    """
+    out: dict[str, list[str]] = {}
+    for m in found:
+        sources = out.setdefault(interpretation_sentence(m, units), [])
+        if m.source not in sources:
+            sources.append(m.source)
+    return out
 
 
 def interpretation_sentence(found: Interpretation, units: Units) -> str:
@@ -133,6 +152,11 @@ def interpretation_sentence(found: Interpretation, units: Units) -> str:
               "hardly any row had a pose; " * (not found.at) + "read so, the median error is")
     return (f"{what}: {before} {found.after / factor:.3g} {unit}, and a short fit leaves "
             f"{found.noise_after:.2g} times the noise")
+
+
+def unit_words(unit: str) -> str:
+    """Return a unit as written after ``in``."""
+    return "inches" if unit == "in" else unit
 
 
 _UNIT = re.compile(r"[^\s\[\]()]+(?=\s*[\])]\s*$)")
@@ -184,7 +208,12 @@ def block_text(block: object) -> str:
 def hint_of(found: Sequence[Interpretation]) -> str:
     """Return the lines to write into the sidecars, or what else to do."""
     every = [x for m in found for x in m.mistakes]
-    hints = dict.fromkeys(HINTS[x.kind] for x in every if x.kind in HINTS)
+    marks = dict.fromkeys(c for x in every if x.kind == "target" for c in x.columns)
+    hints = dict.fromkeys(HINTS[x.kind] for x in every
+                          if x.kind in HINTS and not (x.kind == "target" and x.columns))
+    if marks:
+        lines = ", ".join(f"{mark}: unknown" for mark in marks)
+        hints[f"Write into the sidecar, among its `targets`: `{lines}`"] = None
     if hints:
         return ". ".join(hints)
     blocks: dict[str, list[str]] = {}

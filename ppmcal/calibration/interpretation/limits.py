@@ -33,3 +33,8 @@ AGAINST = 4.0
 """Rows that fit, which one that does not outweighs: four fifths of a stretch must fit."""
 CHANCE, SLACK = 1e-3, 2.0
 """A row fits within this chance of the noise, and a factor for what the fit does not know there."""
+
+
+def explains(before: float, after: float) -> bool:
+    """Whether scores fall by more than is left, and enough to be sure."""
+    return before >= TELLING * after and min(before, WORST) >= after**2

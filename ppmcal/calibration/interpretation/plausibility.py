@@ -197,6 +197,12 @@ def _joint(mechanism: Mechanism, data: Dataset, index: int, place: str, side: st
     outside = np.flatnonzero(_beyond(q, mechanism.limits[index]))
     if outside.size and limited:
         rows = row_list(data.rows[outside] - 1)
+        if turns := _whole_turns(mechanism, q[outside], index):
+            off = f"{abs(turns) * TURN / data.units.factor('angle'):.6g} {data.units.angle}"
+            more, change = ("more", "subtract") if turns > 0 else ("less", "add")
+            return [Note(f"{place}: {rows}: {off} {more} than within the limits of "
+                         f"{mechanism.actuators[index]}: the same places, but counted in whole "
+                         f"turns from elsewhere; {change} {off} in that column.", topic=place)]
         return [Note(f"{place}: {rows}: outside the limits of {mechanism.actuators[index]}; check "
                      f"the limits in {mechanism.source}, and the column's unit and order.",
                      topic=place)]
@@ -213,6 +219,15 @@ def _joint(mechanism: Mechanism, data: Dataset, index: int, place: str, side: st
                      f"{mechanism.reach:.4g} m{_factor(span / mechanism.reach)}; check "
                      f"units.length in {side}.", topic=place)]
     return _near_home(mechanism, finite, index, place)
+
+
+def _whole_turns(mechanism: Mechanism, q: Array, index: int) -> int:
+    """Return by how many turns values (n,) of a joint are outside its limits; 0: by no such."""
+    if mechanism.actuator_quantity[index] != "angle" or mechanism.actuator_has_ratio[index]:
+        return 0
+    turns = round((float(np.median(q)) - float(np.mean(mechanism.limits[index]))) / TURN) if (
+        np.isfinite(mechanism.limits[index]).all()) else 0
+    return 0 if _beyond(q - turns * TURN, mechanism.limits[index]).any() else turns
 
 
 def _near_home(mechanism: Mechanism, q: Array, index: int, place: str) -> list[Note]:

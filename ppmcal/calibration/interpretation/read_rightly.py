@@ -36,7 +36,10 @@ from ppmcal.calibration.interpretation.limits import (
     LITTLE,
     TELLING,
     WORST,
+    explains,
 )
+from ppmcal.calibration.interpretation.mechanism_unit import other_unit
+from ppmcal.calibration.interpretation.number_units import number_units
 from ppmcal.calibration.interpretation.obvious_mistakes import (
     other_zeros,
     refuse_wrong_units,
@@ -53,8 +56,10 @@ from ppmcal.calibration.interpretation.score import (
     tolerances_away,
 )
 from ppmcal.calibration.interpretation.search import Way, ways
+from ppmcal.calibration.interpretation.stated_places import stated_places
 from ppmcal.calibration.interpretation.targets_read import left_out_whole, targets_read
 from ppmcal.calibration.interpretation.wrong_rows import wrong_parts, wrong_rows
+from ppmcal.calibration.knowledge import farthest
 from ppmcal.calibration.validation import unused_sentences
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.model.parameters import NO_TOLERANCE
@@ -66,6 +71,8 @@ log = logging.getLogger(__package__)
 LARGER = "If the machine really is that far from its nominal geometry, give larger tolerances"
 HINT = ("Check the order and signs of the q columns, their units, and how the rotation is written "
         "(rotation vector rx, ry, rz; quaternion x, y, z, w; from platform to base). " + LARGER)
+HINT_WITHOUT_ROTATION = ("Check the order and signs of the q columns, their units, and what the "
+                         "sidecar states of the instrument: frame, point and target. " + LARGER)
 HINT_AT_JOINT = ("Check the joint that the encoder is at (`instrument.at`), the unit and sign of "
                  "its column, and the q columns. " + LARGER)
 HINT_ALONE = ("Check the order and signs of the q columns, their units and zeros, and the points "
@@ -76,7 +83,9 @@ def _hint(problem: Problem) -> str:
     """Return what to check if measurements are far from the machine under every reading."""
     if problem.blind:
         return HINT_ALONE
-    return HINT_AT_JOINT if all(map(of_a_joint, problem.datasets)) else HINT
+    if all(map(of_a_joint, problem.datasets)):
+        return HINT_AT_JOINT
+    return HINT if any(d.kind.sees_rotation for d in problem.datasets) else HINT_WITHOUT_ROTATION
 
 
 def find_misreading(problem: Problem, index: int) -> Interpretation | None:
@@ -103,7 +112,7 @@ def _read_otherwise(alone: Problem, held: bool = False) -> Interpretation | None
     if best.total > TELLING and any(True for _ in right_parts(alone)):
         return None
     # a reading has to be better than a fit of the file as it is read
-    if np.isinf(as_read.noise) and not _explains(score(alone, np.inf), best):
+    if np.isinf(as_read.noise) and not explains(score(alone, np.inf).total, best.total):
         return None
     block, sigma, headers, at = None, dict[str, float](), dict[str, str](), ""
     if way.reading is not None:
@@ -131,7 +140,7 @@ def _better(alone: Problem, as_read: Score, held: bool) -> list[tuple[Way, Score
             continue
         found = score(way.problem, lands)
         fitted = np.isfinite(found.noise + found.total)
-        if fitted and _explains(as_read, found) and _tells(way.problem, found):
+        if fitted and explains(as_read.total, found.total) and _tells(way.problem, found):
             out.append((way, found))
             if found.total <= AS_GOOD:
                 enough = min(enough, way.parts)
@@ -157,11 +166,6 @@ def _chosen(good: Sequence[tuple[Way, Score]]
     for way, _ in (best, *distinct):
         kinds.setdefault(frozenset(m.kind for m in way.what), way.what)
     return *best, tuple(kinds.values())[1:]
-
-
-def _explains(as_read: Score, found: Score) -> bool:
-    """Whether a reading explains more of the error than it leaves, and enough to be sure."""
-    return as_read.total >= TELLING * found.total and min(as_read.total, WORST) >= found.total**2
 
 
 def _tells(alone: Problem, found: Score) -> bool:
@@ -212,15 +216,21 @@ def _misfit(problem: Problem, part: bool) -> Score:
         look = Look.at(problem)
     except BadInput:
         found = tuple(m for m in _misreadings(problem) if m.noise_after <= TELLING)
-        found = found or _other_zeros(problem)
+        found = found or other_unit(problem, np.inf) or _other_zeros(problem)
         if not found:
             raise
         return Score(readings=found)
     as_read = look.score(0.0)
     if as_read.total <= LANDS:
-        return as_read
+        # among more rows of other files those of one would count as single mistakes
+        worst = max(map(look.times, range(len(problem.datasets))))
+        found = () if worst <= LANDS else _single_numbers(problem, replace(as_read, nominal=worst))
+        return replace(as_read, readings=found)
     # a reading that explains everything saves the fit of a misread file, which is slow
-    found = _misreadings(problem) or (() if part else other_assembly(problem))
+    found = _misreadings(problem)
+    if not part and not any(m.noise_after <= TELLING for m in found):
+        found = other_unit(problem, as_read.total) or found
+    found = found or (() if part else other_assembly(problem) or _single_numbers(problem, as_read))
     if found:
         return replace(as_read, readings=found)
     fitted = look.score(np.inf)
@@ -228,6 +238,11 @@ def _misfit(problem: Problem, part: bool) -> Score:
     if not found and any(True for _ in right_parts(problem)):
         return as_read
     return replace(fitted, readings=found)
+
+
+def _single_numbers(problem: Problem, as_read: Score) -> tuple[Interpretation, ...]:
+    """Return what is wrong with heights or distances: their unit, or a point that is stated."""
+    return number_units(problem, as_read.total) or stated_places(problem, as_read)
 
 
 def _misreadings(problem: Problem, astray: frozenset[int] = frozenset()
@@ -314,6 +329,7 @@ def refuse_columns(fit: Fit) -> None:
     if beyond:
         _refuse(zeros_elsewhere(fit.problem), fit.problem)
     _refuse(_misreadings(replace(fit.problem, earlier=None), left_out_whole(fit)), fit.problem)
+    _refuse(stated_places(fit.problem, fit_score(fit)), fit.problem)
     if beyond:
         _refuse(other_assembly(fit.problem), fit.problem)
     refuse_read_otherwise(fit)
@@ -357,8 +373,8 @@ def refuse_other_machine(fit: Fit) -> None:
     _refuse([found] if found else [], fit.problem)
 
 
-def refusal(problem: Problem) -> InterpretationError | None:
-    """Return the refusal of measurements, None if they are accepted.
+def refusal(problem: Problem) -> tuple[InterpretationError | None, Fit | None]:
+    """Return the refusal of measurements, None if they are accepted, and their fit.
 
     A file of which a fit uses hardly any row is refused too, although it would give a result.
     All rows are fitted only if a short fit leaves more than noise, or goes far.
@@ -366,14 +382,15 @@ def refusal(problem: Problem) -> InterpretationError | None:
     try:
         refuse_joints_alone(problem)
     except BadInput as error:
-        return InterpretationError(error.what, error.where, error.hint)
+        return InterpretationError(error.what, error.where, error.hint), None
     except InterpretationError as error:
-        return error
+        return error, None
     try:
         refuse_misread(problem)
     except InterpretationError as error:
-        return error
-    if score(problem, np.inf).total > TELLING:
+        return error, None
+    short = score(problem, np.inf)
+    if short.total > TELLING or short.farthest > farthest(1):
         # a fit that fails says nothing about the file
         with suppress(PpmcalError):
             try:
@@ -381,7 +398,7 @@ def refusal(problem: Problem) -> InterpretationError | None:
                 refuse_after_fit(fit)
                 refuse_other_machine(fit)
             except InterpretationError as error:
-                return error
-            if unused := unused_sentences(fit):
-                return InterpretationError(unused[0])
-    return None
+                return error, None
+            unused = unused_sentences(fit)
+            return (InterpretationError(unused[0]) if unused else None), fit
+    return None, None

@@ -15,7 +15,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ppmcal.calibration.interpretation.interpretation_error import FileFault, with_unit
+from ppmcal.calibration.interpretation.interpretation_error import (
+    FileFault,
+    unit_words,
+    with_unit,
+)
 from ppmcal.kinematics.pose_readings import (
     AXES,
     QUATERNIONS,
@@ -108,12 +112,7 @@ class ReadColumns:
             own = [i for i in self.own if self.units[i] == unit]
             names = [self.names[i] for i in own]
             yield FileFault("unit", tuple(names), f"{with_verb(names, 'is', 'are')} in "
-                            f"{_unit_words(unit)}, not {_unit_words(self.declared[own[0]])}")
-
-
-def _unit_words(unit: str) -> str:
-    """Return a unit as written after ``in``."""
-    return "inches" if unit == "in" else unit
+                            f"{unit_words(unit)}, not {unit_words(self.declared[own[0]])}")
 
 
 def _said(block: Mapping[str, T], name: str, usual: T) -> T:
@@ -212,7 +211,7 @@ class ColumnInterpretation:
         """Return the reading of a file as its sidecar says."""
         planar, units = mechanism.motion.planar, data.units
         turns = QUATERNION[:3] if data.convention in QUATERNIONS else TURNS
-        number = [data.kind.number] if of_a_joint(data) else []
+        number = [data.kind.number] if data.kind.scalar else []
         return cls(
             _as_stated(data, [f"q_{a}" for a in mechanism.actuators],
                        range(len(mechanism.actuators)),

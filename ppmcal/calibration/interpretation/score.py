@@ -56,7 +56,8 @@ class Score:
         miss: the same for positions, m, and rotations, rad; nan where not measured.
         lost: rows without a pose, of ``rows``; gross: part of them that are gross errors.
         before, noise: residuals of all rows over the noise (:func:`all_rows`), before and after a
-            short fit; geometry: by how many tolerances that moves it.
+            short fit; geometry: by how many tolerances that moves it, RMS; farthest: the most of one
+            parameter.
         left: as ``miss``, after the fit.
         readings: how the files should be read instead, if that explains everything.
     """
@@ -69,6 +70,7 @@ class Score:
     before: float = np.inf
     noise: float = np.inf
     geometry: float = np.nan
+    farthest: float = np.nan
     left: tuple[float, float] = (np.nan, np.nan)
     readings: tuple[Interpretation, ...] = ()
 
@@ -138,6 +140,10 @@ class Look:
         """Distances of rows from the nominal machine, less what tolerances explain."""
         return explained_distances(self.problem, self.state)
 
+    def times(self, index: int) -> float:
+        """Return the distance of one data set as :attr:`Score.nominal` has it of all; 0 without."""
+        return self.explained.times([k & (i == index) for i, k in enumerate(self.posed)])
+
     @cached_property
     def gross(self) -> list[Bools]:
         """The rows with gross errors."""
@@ -176,8 +182,9 @@ class Look:
         if not found.nominal <= lands:
             return found
         end = self.fitted()
+        away = tolerances_away(self.problem, end)
         return replace(found, before=self._noise(self.state), noise=self._noise(end),
-                       geometry=rms(tolerances_away(self.problem, end)),
+                       geometry=rms(away), farthest=max(away.values(), default=0.0),
                        left=medians(self.problem, end))
 
 

@@ -126,10 +126,11 @@ def _told(problem: Problem, own: Sequence[int], found: Mapping[int, Interpretati
         replace(m, text=f"target {problem.datasets[i].mark}"
                 + " (or the other one in its place)" * (i in either) + f": {m.text}"
                 + _in_a_long_file(found[i]) * long,
-                rows=tuple(problem.datasets[i].rows.tolist()) if long else m.rows)
+                rows=tuple(problem.datasets[i].rows.tolist()) if long else m.rows,
+                columns=(problem.datasets[i].mark,) if m.kind == "target" else m.columns)
         for i in wrong for m in map(_unlike_others, found[i].mistakes))
     yield replace(first, mistakes=named, sigma=first.sigma if alike else {}, alternatives=(),
-                  block=None if long else _merged([found[i] for i in wrong]),
+                  block=None if long else merged([found[i] for i in wrong]),
                   headers={} if long else {h: new for i in wrong
                                            for h, new in found[i].headers.items()})
 
@@ -147,7 +148,7 @@ def _in_a_long_file(found: Interpretation) -> str:
     return f" ({told})" if told else ""
 
 
-def _merged(found: Sequence[Interpretation]) -> dict[str, object] | None:
+def merged(found: Sequence[Interpretation]) -> dict[str, object] | None:
     """Return one block ``read`` of a wide file for several of its targets."""
     out: dict[str, object] = {}
     for key, value in (pair for m in found for pair in (m.block or {}).items()):

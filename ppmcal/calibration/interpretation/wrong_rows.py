@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.special import chdtri
 
 from ppmcal.calibration.fit import (
     Fit,
@@ -27,6 +26,12 @@ from ppmcal.calibration.fit import (
     shown,
 )
 from ppmcal.calibration.interpretation.candidates import joint_readings, pose_readings
+from ppmcal.calibration.interpretation.exchanged_targets import (
+    best_stretch,
+    exchanged_in_part,
+    exchanged_targets,
+    within,
+)
 from ppmcal.calibration.interpretation.interpretation_error import (
     FileFault,
     Interpretation,
@@ -34,13 +39,12 @@ from ppmcal.calibration.interpretation.interpretation_error import (
 )
 from ppmcal.calibration.interpretation.limits import (
     AGAINST,
-    CHANCE,
     FEWEST_ROWS,
     LANDS,
-    SLACK,
 )
 from ppmcal.calibration.interpretation.obvious_mistakes import rows_with_negative_struts
 from ppmcal.calibration.interpretation.readings import ColumnInterpretation, readable
+from ppmcal.calibration.interpretation.targets_read import merged
 from ppmcal.calibration.interpretation.score import PARTS, read_in_ways, right_parts
 from ppmcal.errors import PpmcalError
 from ppmcal.kinematics.closure import Model
@@ -56,9 +60,30 @@ SCREENED = 12
 
 def wrong_rows(fit: Fit) -> tuple[Interpretation, ...]:
     """Return stretches of rows that are misread, or rows that are exchanged, by data set."""
+    if any(k.any() for k in fit.outliers) and (told := exchanged_targets(fit)):
+        return told
+    return _with_lines(_wrong_rows(fit))
+
+
+def _wrong_rows(fit: Fit) -> list[Interpretation]:
     apart = [_LeftOut(fit, i) for i, d in enumerate(fit.problem.datasets) if readable(d)]
     found = (_exchanged(a) or _stretch(a) for a in apart if len(a.rows) >= FEWEST_ROWS)
-    return tuple(m for m in found if m is not None)
+    return [m for m in found if m is not None]
+
+
+def _with_lines(found: Sequence[Interpretation]) -> tuple[Interpretation, ...]:
+    """Return stretches with the lines for a file of their own, once for targets of one file."""
+    out: dict[object, list[Interpretation]] = {}
+    for m in found:
+        out.setdefault((m.source, m.mistakes), []).append(m)
+    told = []
+    for same in out.values():
+        first = same[0]
+        there = lines_for(merged(same), {h: new for m in same for h, new in m.headers.items()})
+        last = first.mistakes[-1]
+        last = replace(last, text=f"{last.text} ({there})" if there else last.text)
+        told.append(replace(first, mistakes=(*first.mistakes[:-1], last), block=None, headers={}))
+    return tuple(told)
 
 
 def wrong_parts(problem: Problem) -> tuple[Interpretation, ...]:
@@ -70,13 +95,15 @@ def wrong_parts(problem: Problem) -> tuple[Interpretation, ...]:
     Args:
         problem: machine and data; of several files each is examined alone.
     """
-    found: dict[str, Interpretation] = {}
+    if told := exchanged_in_part(problem):
+        return told
+    found: dict[str, Sequence[Interpretation]] = {}
     for data, part in right_parts(problem):
-        if readable(data) and data.source not in found:
+        if readable(data) and not found.get(data.name):
             with suppress(PpmcalError):
                 fit = _fit_of_part(problem.alone(data), part)
-                found |= {m.source: m for m in (wrong_rows(fit) if fit else ())}
-    return tuple(found.values())
+                found[data.name] = _wrong_rows(fit) if fit else ()
+    return _with_lines([m for own in found.values() for m in own])
 
 
 def _fit_of_part(problem: Problem, part: Ints) -> Fit | None:
@@ -90,17 +117,10 @@ def _fit_of_part(problem: Problem, part: Ints) -> Fit | None:
         whole = replace(problem, pivots=(some.problem.opens[0].about,))
         state = whole.solve(State(some.state.g, some.state.registrations, whole.start().poses))
         found = distances(whole, state, prediction_covariance(some), [np.zeros_like(keep)])
-        keep = _within(found.square[0], found.size[0], float(some.noise_factor[0]))
+        keep = within(found.square[0], found.size[0], float(some.noise_factor[0]))
     if keep.mean() < 1.0 / PARTS:
         return None
     return replace(some, problem=whole, state=state, keep=(keep,))
-
-
-def _within(square: Array, size: Array, factor: float) -> Bools:
-    """Return which rows (N,) are within the noise, times a fit's factor and some slack."""
-    limit = (SLACK * factor)**2 * chdtri(np.maximum(size, 1.0), CHANCE)
-    with np.errstate(invalid="ignore"):
-        return np.asarray((square <= limit) & (size > 0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +159,7 @@ class _LeftOut:
         registration = fit.state.registrations[i]
         pose = alone.reached(0, Model(fit.problem.mechanism, fit.state.g), registration.homing)
         found = distances(alone, State(fit.state.g, (registration,), (pose,)))
-        return _within(found.square[0], found.size[0], float(fit.noise_factor[i]))
+        return within(found.square[0], found.size[0], float(fit.noise_factor[i]))
 
     def read(self, readings: Sequence[ColumnInterpretation], rows: Ints) -> Bools:
         """Return which rows fit under which readings (R, n), all at once."""
@@ -167,24 +187,14 @@ def _stretch(apart: _LeftOut) -> Interpretation | None:
     right = apart.read([readings[best]], apart.usable)[0]
     gain = np.zeros(len(data))
     gain[apart.usable] = np.where(right, np.isin(apart.usable, rows), -AGAINST)
-    begin, end, sure = _best_stretch(gain)
+    begin, end, sure = best_stretch(gain)
     if sure < FEWEST_ROWS:
         return None
     numbers = tuple(data.rows[begin:end].tolist())
     told = [replace(m, rows=numbers) for m in readings[best].mistakes(data)]
-    there = lines_for(readings[best].block(data), readings[best].headers(data))
     told[0] = replace(told[0], text=f"rows {numbers[0]} to {numbers[-1]}: {told[0].text}")
-    told[-1] = replace(told[-1], text=f"{told[-1].text} ({there})")
-    return Interpretation(data.source, tuple(told))
-
-
-def _best_stretch(gain: Array) -> tuple[int, int, float]:
-    """Return the stretch of rows (N,) with the largest gain: first, end, and the gain."""
-    total = np.append(0.0, np.cumsum(gain))
-    lowest = np.minimum.accumulate(total)
-    end = int(np.argmax(total - lowest))
-    begin = int(np.flatnonzero(total[:end + 1] == lowest[end])[-1])
-    return begin, end, float(total[end] - lowest[end])
+    return Interpretation(data.source, tuple(told), readings[best].block(data),
+                          headers=readings[best].headers(data))
 
 
 def _exchanged(apart: _LeftOut) -> Interpretation | None:

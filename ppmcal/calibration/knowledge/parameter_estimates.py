@@ -248,13 +248,17 @@ def registered(problem: Problem, state: State) -> dict[str, Registration]:
     return out
 
 
-def far_from_nominal(found: Sequence[Estimate], units: Units) -> list[Note]:
-    """Return a note on parameters that end farther from nominal than tolerances allow."""
+def far_from_nominal(found: Sequence[Estimate], units: Units, listed: str = "parameters.csv"
+                     ) -> list[Note]:
+    """Return a note on parameters that end farther from nominal than tolerances allow.
+
+    ``listed``: where the others are, that it does not name.
+    """
     far = sorted((e for e in found if e.far), key=lambda e: -abs(e.error) / (e.tolerance or 1.0))
     if not far:
         return []
     words = ", ".join(_times(e, units) for e in far[:SHOWN])
-    more = f" and {len(far) - SHOWN} more (parameters.csv)" * (len(far) > SHOWN)
+    more = f" and {len(far) - SHOWN} more ({listed})" * (len(far) > SHOWN)
     return [Note(f"{FAR}: {words}{more}; {FAR_BECAUSE}", topic="tolerances")]
 
 

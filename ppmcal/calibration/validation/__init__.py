@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from ppmcal.calibration.validation.residual_vectors import split as split
     from ppmcal.calibration.validation.summary import Dependence as Dependence
     from ppmcal.calibration.validation.summary import Identification as Identification
+    from ppmcal.calibration.validation.summary import beyond_tolerances as beyond_tolerances
     from ppmcal.calibration.validation.summary import report as report
     from ppmcal.calibration.validation.summary import rows_left_out as rows_left_out
 

@@ -284,8 +284,9 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
               ) -> tuple[Note, ...]:
     out = [f for d in fit.problem.datasets for f in d.findings]
     if fit.taken_back:
-        out.append(Note(f"{pluralize(fit.taken_back, 'row')} had no pose at the nominal machine, "
-                        "have one at the fitted machine, and are in use", topic="row weights"))
+        out.append(Note(f"no way from home led to a pose of the nominal machine in "
+                        f"{pluralize(fit.taken_back, 'row')}; with the fitted machine it does, and "
+                        "they are in use", topic="row weights"))
     if gone.sentence:
         out.append(Note(f"{gone.sentence}; {DIAGNOSE}", topic="row weights"))
     if noise.failed:
@@ -306,11 +307,8 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
     out += secondary("limbs in the opposite branch",
                      lambda: branch_findings(fit.problem, fit.state), [], notes)
     if noise.tight:
-        times = (noise.prior_chi2 / noise.prior_degrees) ** 0.5
-        out.append(Note(f"the machine's errors are {times:.2g} times what tolerances and noise "
-                        f"allow ({chance(noise.prior_p)}): the tolerances are too tight, or "
-                        "something is missing in the model, so 95 % intervals hold less often; "
-                        "widen the tolerances or use --prior flat", topic="tolerances"))
+        out.append(_tight(noise, "so 95 % intervals hold less often; widen the tolerances or use "
+                                 "--prior flat"))
     alone = [np.nan if (h := found[p].half_by_noise) is None else h for p in fit.problem.free]
     out += secondary("which parameters sessions disagree about",
                      lambda: in_words(fit, apart[0], np.array(alone), apart[1]), [], notes)
@@ -330,6 +328,24 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
         if reasons:
             out.append(rows_left_out(data, reasons))
     return tuple(out)
+
+
+def _tight(noise: Noise, then: str) -> Note:
+    """Return a note on errors larger than tolerances and noise allow; ``then``: what follows."""
+    times = (noise.prior_chi2 / noise.prior_degrees) ** 0.5
+    return Note(f"the machine's errors are {times:.2g} times what tolerances and noise allow "
+                f"({chance(noise.prior_p)}): the tolerances are too tight, or something is missing "
+                f"in the model, {then}", topic="tolerances")
+
+
+def beyond_tolerances(fit: Fit) -> list[Note]:
+    """Return in words what a fit finds farther from nominal than tolerances and noise allow."""
+    noise = noise_check(fit)
+    fit = with_noise(fit, noise.inflation, FitOptions())
+    noise, (rank, *_) = against_tolerances(noise, fit), rank_of(fit)
+    far = far_from_nominal(estimates(fit, rank), fit.problem.mechanism.units, "identify lists")
+    tight = _tight(noise, "or the mechanism file is wrong; `ppmcal identify` shows where")
+    return [*[tight] * (noise.tight and not far), *far]
 
 
 def rows_left_out(data: Dataset, reasons: Mapping[int, str]) -> Note:

@@ -19,6 +19,7 @@ from ppmcal.commands.check.options import CheckArguments
 from ppmcal.commands.inputs import data_files, prepared
 from ppmcal.commands.spec import Path_, Refusal
 from ppmcal.errors import BadInput, PpmcalError
+from ppmcal.io.results.identification_parts import ErrorSize, summaries
 from ppmcal.io.results.identification_wording import (
     open_sentences,
     sets_of,
@@ -79,6 +80,10 @@ class CheckResult(Check):
                         self.of.units)
 
     @property
+    def _misses(self) -> Mapping[str, ErrorSize]:
+        return summaries(self.misses, self.of.units)
+
+    @property
     def of(self) -> Mechanism:
         """The machine."""
         assert self.mechanism is not None
@@ -104,6 +109,10 @@ class CheckResult(Check):
         if self.columns:
             seen = "the measurements" if self.measured else "full-pose measurements about home"
             yield f"Rank with {seen}: {self.rank} of {self.columns}."
+        if misses := [f"{k} {number(v.rms, 3)} {v.unit}".rstrip()
+                      for k, v in self._misses.items() if v.rms is not None]:
+            yield ("Errors of the nominal machine before any fit of its geometry: "
+                   f"{', '.join(misses)} (rms; frame and target fitted where they are unknown).")
         if sets := self._sets:
             yield (
                 f"{pluralize(sum(s.combinations for s in sets), 'combination')} of parameters not "
@@ -137,7 +146,7 @@ class CheckResult(Check):
                       "unit": unit, "open": g.open} for g in self.gaps],
             "condition": self.singular_value, "rank": self.rank, "columns": self.columns,
             "unseen": list(self.unseen), "redundant": list(self.redundant),
-            "unidentifiable": encoded(self._sets),
+            "unidentifiable": encoded(self._sets), "misses": encoded(self._misses),
             "identifiability": None if known is None else {
                 "collinear": encoded(known.collinear),
                 **({"scale": encoded(scale)} if scale else {})},

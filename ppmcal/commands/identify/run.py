@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -26,6 +27,7 @@ from ppmcal.calibration.fit import (
 from ppmcal.calibration.fit import identify as fitted
 from ppmcal.calibration.interpretation import (
     InterpretationError,
+    place_hints,
     refuse_after_fit,
     refuse_before_fit,
     refuse_columns,
@@ -67,6 +69,7 @@ APART, FREEDOMS, MISSING, PATTERN, TOLERATED = (
     "which poses are missing", "whether residuals have a pattern",
     "whether the tolerances are kept")
 """What is reported beside a fit."""
+PERCENT = re.compile(r"(\d+(?:\.\d+)?) ?%")
 AMPLE = 12
 """With so many values more than columns a residual is in too many directions for a pattern, and
 nothing of the diagnosis need be loaded."""
@@ -134,6 +137,7 @@ def run(asked: IdentifyArguments) -> IdentificationResult:
     if chosen == "prior":
         beside += also("what else the registration might fit", lambda: hint_sentences(
             found.fit, registration_hints(found.fit)))
+        beside += also("whether a stated point is elsewhere", lambda: place_hints(found.fit))
     beside += also(PATTERN, lambda: left_over(fit, seed))
     if before is not None:
         from ppmcal.calibration.sessions import carried_on
@@ -297,6 +301,9 @@ def _held_out(holdout: Any, machine: Mechanism) -> tuple[tuple[Dataset, ...], fl
     try:
         fraction = float(holdout)
     except (TypeError, ValueError):
+        if isinstance(holdout, str) and (percent := PERCENT.fullmatch(holdout)):
+            raise BadInput(f"'{holdout}' is not a fraction of the poses", "--holdout",
+                           f"Write --holdout {float(percent[1]) / 100.0:g}") from None
         return datasets_of(machine, holdout), 0.0
     if not 0.0 <= fraction < 1.0:
         raise BadInput(f"{holdout} is not a fraction of the poses", "--holdout",

@@ -149,6 +149,9 @@ def _rods(given: str | float | Sequence[str | float]) -> tuple[float | None, str
         try:
             length = float(one)
         except ValueError:
+            if str(one)[:1].isdigit():
+                raise BadInput(f"'{one}' is not a number", "--rods",
+                               "Give the length in mm without a unit, such as --rods 345") from None
             raise unknown("way to take rods", one, RODS, "--rods") from None
         if not 0.0 < length < LONGEST:
             raise BadInput(f"{one} is not a rod length in mm", "--rods",

@@ -22,6 +22,7 @@ from ppmcal.io import read_mechanism
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import Note
+from ppmcal.units import LENGTHS
 from ppmcal.wording import too_long
 
 CLOSE = 0.002
@@ -29,6 +30,8 @@ CLOSE = 0.002
 calibrations 25 do so to 0.0003 mm; three were edited by hand, by 0.1 mm and more."""
 MEASURE_WEIGHT = 0.5
 ONE = 0.05
+NEARLY = 0.05
+"""A unit is looked for where distances are off by its factor to within this part."""
 
 
 def with_own_fit(printer: Printer) -> Printer:
@@ -66,7 +69,10 @@ def size_sentence(printer: Printer) -> str:
     rods = sum(_geometry(by_parts).arms) / len(TOWERS)
     meant = printer.nominal.geometry.arms
     own = f"{meant[0]:.6g}" if len(set(meant)) == 1 else "as long as the file says"
-    shown = too_long(by_rods.state.registrations[1].scale)
+    scale = by_rods.state.registrations[1].scale
+    shown = too_long(scale) + "".join(
+        f": are they in {unit}, not mm?" for unit, size in LENGTHS.items()
+        if unit != "mm" and abs(scale * size / MM - 1.0) < NEARLY)
     return (f"Size: longer rods and longer distances look alike. If the distances are true, the "
             f"rods are {rods:.2f} mm; if the rods are {own}"
             f"{' mm' if len(set(meant)) == 1 else ''}, the distances read {shown}")

@@ -120,7 +120,8 @@ def row_sentences(rows: Sequence[LeftOutRow],
     out = [f"  {r.dataset}, row {r.row}: {r.coordinate} {_of(r.value, r)}, where "
            + (f"its repeats say {_of(r.predicted, r)} ({number(r.times, 3)} times their scatter)."
               if r.repeats else
-              f"the others say {_of(r.predicted, r)} ({number(r.times, 3)} times the noise).")
+              f"the others say {_of(r.predicted, r)} (the whole row is off by {number(r.times, 3)} "
+              "times the noise).")
            + _slack(r)
            for r in sorted(rows, key=lambda r: -(r.times or 0.0))[:SHOWN]]
     if len(rows) > SHOWN:
