@@ -133,7 +133,8 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism,
     names.check_columns(table.header, mechanism, source, kind)
     findings += names.ambiguous_directions(table.header, mechanism, source)
     joint = mechanism.joint_factors(units)
-    with names.offering(strange, lambda name: f"{mark}_{name}" if mark and name in COORDINATES else name):
+    with names.offering(strange, lambda name: (
+            f"{mark}_{name}" if mark and name in COORDINATES else name)):
         q, commanded = joint_values(table, mechanism, units, joint)
         seen, unused = measured(table, mechanism, file, side)
     sigma_actuator = actuator_noise(file.instrument.sigma.actuator, mechanism, joint, side)

@@ -53,8 +53,8 @@ def test_heights_and_distances_of_another_printer_move_no_command_far(tmp_path: 
     found = ppmcal.identify(tmp_path / "own/machine.yaml", files)
     # none of them has said anything of this machine unnoticed
     for name in ("heights", "distances"):
-        assert any(f.startswith(f"{name}: ") and ("rows left out" in f or "carry no information" in f)
-                   for f in found.findings)
+        assert any(f.startswith(f"{name}: ") and (
+            "rows left out" in f or "carry no information" in f) for f in found.findings)
     assert not any(topic_of(f) == LEFT_OUT for f in found.findings)
     sent = ppmcal.compensate(found, np.array([[0, 0, 0], [60, 0, 0], [0, 60, 0]]),
                              frame="base").compensation

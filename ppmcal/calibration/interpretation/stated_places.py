@@ -143,7 +143,8 @@ def _where(problem: Problem, group: Sequence[Place], state: State) -> str:
     text += f": it comes out at {_words(now, data)}, not at {_words(was, data)}"
     for other in problem.datasets:
         there = _point(other, key, getattr(other, key).value)
-        if len(group) == 1 and other is not data and key == "frame" and not getattr(other, key).fitted and (
+        alone = len(group) == 1 and other is not data and not getattr(other, key).fitted
+        if alone and key == "frame" and (
                 np.linalg.norm(now - there) < NEAR * np.linalg.norm(was - there)):
             return f"{text}, which is where the point of {other.source} is: exchanged files?"
     return text
