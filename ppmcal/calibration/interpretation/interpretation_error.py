@@ -18,10 +18,10 @@ HINTS = {
                      "nominal, give larger tolerances, or --prior flat",
     "shuffled": "No sidecar entry can correct that: put the measurements back into the order of "
                 "the joint values at their source, or leave those rows out",
-    "targets": "No sidecar entry can correct that: exchange the two targets in those rows, or leave "
-               "the rows out",
-    "machine-unit": "Correct `units: {length: ...}` in the mechanism file; or, if that is right, the "
-                    "unit of length in every sidecar, which is then wrong by the same factor",
+    "targets": "No sidecar entry can correct that: exchange the two targets in those rows, or "
+               "leave the rows out",
+    "machine-unit": "Correct `units: {length: ...}` in the mechanism file; or, if that is right, "
+                    "the unit of length in every sidecar, which is then wrong by the same factor",
     "home": "Measure where the platform stands at home's joint values, and correct the home pose "
             "and the offsets with it. Or give `offset` tolerances of that size: the fit finds "
             "offsets then",

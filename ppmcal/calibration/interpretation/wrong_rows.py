@@ -44,12 +44,12 @@ from ppmcal.calibration.interpretation.limits import (
 )
 from ppmcal.calibration.interpretation.obvious_mistakes import rows_with_negative_struts
 from ppmcal.calibration.interpretation.readings import ColumnInterpretation, readable
-from ppmcal.calibration.interpretation.targets_read import merged
 from ppmcal.calibration.interpretation.score import PARTS, read_in_ways, right_parts
+from ppmcal.calibration.interpretation.targets_read import merged
 from ppmcal.errors import PpmcalError
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.registration import measured_pose
-from ppmcal.linalg import Array, Bools, Ints, finite_rows, subsample
+from ppmcal.linalg import Bools, Ints, finite_rows, subsample
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.wording import pluralize
