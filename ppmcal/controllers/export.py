@@ -153,7 +153,8 @@ def head(name: str, before: ErrorSummary, after: ErrorSummary, lacks: Iterable[N
          notes: Iterable[Note] = (), how: Iterable[str] = ()) -> str:
     """Return the comment at the head of a file: errors, how to use it, what it lacks, notes."""
     return "\n".join([
-        f"{name}: error if the model is exact {after.words()}, before {before.words()}.", *how,
+        f"{name}: error of the platform's origin in base axes if the model is exact "
+        f"{after.words()}, before {before.words()}.", *how,
         *remarks(lacks, notes)])
 
 
@@ -177,8 +178,10 @@ def refuse_poses(controller: str, poses: Path | None) -> None:
 def other_machine(mechanism: Mechanism, hint: str) -> BadInput:
     """Return the error of a machine that a controller does not drive."""
     return BadInput(f"the machine is {mechanism.motion} with limbs "
-                    f"{', '.join(limb.kind.name for limb in mechanism.limbs)}", mechanism.source,
-                    hint)
+                    f"{', '.join(limb.kind.name for limb in mechanism.limbs)}, which this "
+                    "controller does not drive", mechanism.source,
+                    f"{hint.rstrip('.')}. Send this machine the commands of `ppmcal compensate`, "
+                    "or choose another format: `ppmcal export --help` lists them")
 
 
 def misread(place: str, what: str = "the lines read back as other numbers", use: str = "them"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
 
@@ -142,10 +142,10 @@ class MissingColumns(BadInput):
 
 
 @contextmanager
-def offering(strange: Sequence[str], called: Callable[[str], str] = str) -> Iterator[None]:
+def offering(strange: Sequence[str], mark: str = "") -> Iterator[None]:
     """Offer the columns of a file that nobody knows where one is missing that is needed.
 
-    ``called``: what a sidecar calls a column of ours.
+    ``mark``: the target whose columns they would be, of several in one file.
     """
     try:
         yield
@@ -156,7 +156,8 @@ def offering(strange: Sequence[str], called: Callable[[str], str] = str) -> Iter
         left = [n for n in strange if n.lower() not in error.names]
         meant = {name: lower.get(name.lower()) or (left.pop(0) if left else strange[0])
                  for name in error.names}
-        lines = ", ".join(f"{called(name)}: {header}" for name, header in meant.items())
+        lines = ", ".join(f"{mark}_{name}: {header}" if mark and name in COORDINATES else
+                          f"{name}: {header}" for name, header in meant.items())
         raise MissingColumns.of(
             error.names, error.what.partition(", ".join(error.names))[2], error.where,
             f"Nobody knows {', '.join(strange)}: if that is what is missing, write into the "

@@ -30,14 +30,13 @@ from ppmcal.io.measurement_columns import (
     second_joints,
 )
 from ppmcal.io.noise_limits import refuse_noise
-from ppmcal.io.pose_fields import COORDINATES
 from ppmcal.io.reading import in_conventions, in_units
 from ppmcal.io.recorded import form_of
 from ppmcal.io.sidecar import SidecarFile, located, offset_of, read_sidecar, sidecar_path
 from ppmcal.io.sidecar_values import actuator_noise, at_point, point_of, rotation_of, scale_of
 from ppmcal.io.tables import SUFFIXES, read_table
 from ppmcal.io.yaml import number_text
-from ppmcal.kinematics.pose_readings import shifted_rows
+from ppmcal.kinematics.pose_readings import AXES, shifted_rows
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.instruments import InstrumentKind
@@ -133,8 +132,7 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism,
     names.check_columns(table.header, mechanism, source, kind)
     findings += names.ambiguous_directions(table.header, mechanism, source)
     joint = mechanism.joint_factors(units)
-    with names.offering(strange, lambda name: (
-            f"{mark}_{name}" if mark and name in COORDINATES else name)):
+    with names.offering(strange, mark):
         q, commanded = joint_values(table, mechanism, units, joint)
         seen, unused = measured(table, mechanism, file, side)
     sigma_actuator = actuator_noise(file.instrument.sigma.actuator, mechanism, joint, side)
@@ -285,7 +283,7 @@ def _usable(data: Dataset, mechanism: Mechanism, mark: str) -> Dataset:
                 f"{data.source}: {row_list(data.rows[rows] - 1)}: {reason}; left out.",
                 NOTE if mark and reason != lacking else FINDING))
             dropped += [(int(i), reason) for i in data.rows[rows]]
-    findings += _partly_empty(data, mechanism, joints & seen)
+    findings += _partly_empty(data, mechanism, np.asarray(joints & seen))
     if not dropped:
         return replace(data, findings=tuple(findings))
     keep = np.asarray(joints & seen)
@@ -298,15 +296,15 @@ def _usable(data: Dataset, mechanism: Mechanism, mark: str) -> Dataset:
 
 
 def _partly_empty(data: Dataset, mechanism: Mechanism, used: Bools) -> Iterator[Note]:
-    """Yield the cells that are empty in rows (N,) of which the others are used."""
-    if data.kind.scalar or data.kind.blind:
+    """Yield the empty cells of a point of which other coordinates are used, in rows (N,)."""
+    if data.kind.scalar:
         return
-    at = list(data.kind.coordinates(mechanism.motion))
-    missing = ~np.isfinite(np.hstack([data.position, data.rotation])[:, at])
-    for c, own in enumerate(missing.T):
+    at = [c for c in data.kind.coordinates(mechanism.motion) if c < len(AXES)]
+    missing = ~np.isfinite(data.position[:, at])
+    for c, own in zip(at, missing.T, strict=True):
         rows = own & used & ~missing.all(axis=1)
         if rows.any() and not own.all():
-            column = data.kind.columns(mechanism.motion)[c]
+            column = AXES[c]
             yield Note(f"{data.source}: {row_list(data.rows[rows] - 1)}: "
                        f"{data.headers.get(column, column)} is empty; what else was measured there "
                        "is used.", NOTE)

@@ -223,8 +223,8 @@ def read_sidecar(csv_path: Path, header: Sequence[str] = ()) -> tuple[SidecarFil
     if path.is_file():
         return check(SidecarFile, read_yaml(path), str(path)), str(path)
     raise BadInput(f"the measurement file has no sidecar {path.name} (units, instrument, frame)",
-                   str(csv_path),
-                   f"Write {path}, for example:\n{_example(header)}with your own values")
+                   str(csv_path), f"Write {path}, for example:\n{_example(header)}with your own "
+                   "values")
 
 
 def sidecar_of(content: Mapping[str, Any], mechanism: Mechanism) -> SidecarFile:

@@ -15,6 +15,7 @@ from wild import catalogue
 
 from ppmcal.calibration.fit import Problem
 from ppmcal.calibration.interpretation.candidates import joint_readings, pose_readings
+from ppmcal.calibration.interpretation.exchanged_targets import best_stretch
 from ppmcal.calibration.interpretation.interpretation_error import (
     FileFault,
     Interpretation,
@@ -25,7 +26,6 @@ from ppmcal.calibration.interpretation.read_rightly import _chosen, find_misread
 from ppmcal.calibration.interpretation.readings import ColumnInterpretation
 from ppmcal.calibration.interpretation.score import Score, all_rows, first_order_scores, score
 from ppmcal.calibration.interpretation.search import Way
-from ppmcal.calibration.interpretation.wrong_rows import _best_stretch
 from ppmcal.commands.inputs import prepared
 from ppmcal.io.results.parts import misreading_entries
 from ppmcal.model.dataset import Dataset
@@ -34,7 +34,7 @@ from ppmcal.units import SI
 
 @given(st.lists(st.sampled_from([-4.0, 0.0, 1.0]), min_size=1, max_size=30))
 def test_the_stretch_that_gains_most_is_found_and_ends_where_it_gains(gain: list[float]) -> None:
-    begin, end, sure = _best_stretch(np.array(gain))
+    begin, end, sure = best_stretch(np.array(gain))
     every = [sum(gain[a:b]) for a in range(len(gain)) for b in range(a, len(gain) + 1)]
     assert sure == max(every) == sum(gain[begin:end])
     assert not gain[begin:end] or gain[begin] == gain[end - 1] == 1.0

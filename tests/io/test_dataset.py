@@ -75,7 +75,8 @@ def test_rows_that_cannot_be_used(tmp_path):
     np.testing.assert_array_equal(d.rows, [1, 4])
     np.testing.assert_array_equal(d.groups, [0, 3])
     assert d.dropped == ((2, "a joint value is missing"), (3, "nothing was measured"))
-    assert "row 2" in d.findings[-2] and "row 3" in d.findings[-1]
+    assert "row 2" in d.findings[-3] and "row 3" in d.findings[-2]
+    assert "row 4: x is empty" in d.findings[-1]
     assert d.approach == "unknown"
     assert d.sessions is None
 

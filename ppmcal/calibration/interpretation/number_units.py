@@ -29,8 +29,8 @@ def number_units(problem: Problem, before: float) -> tuple[Interpretation, ...]:
            if d.kind.scalar and d.kind.of_poses and d.kind.quantity == "length"
            and np.any(np.nan_to_num(d.value))]    # touches at height 0 are so in any unit
     groups = [*([i] for i in own), *([own] if len(own) > 1 else [])]
-    good = [found for group in groups for unit in LENGTHS
-            if (found := _scored(problem, group, unit)) and explains(before, found[0].total)]
+    tried = (_scored(problem, group, unit) for group in groups for unit in LENGTHS)
+    good = [t for t in tried if t is not None and explains(before, t[0].total)]
     if not good:
         return ()
     least = min(found.total for found, _ in good)

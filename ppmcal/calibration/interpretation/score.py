@@ -56,8 +56,8 @@ class Score:
         miss: the same for positions, m, and rotations, rad; nan where not measured.
         lost: rows without a pose, of ``rows``; gross: part of them that are gross errors.
         before, noise: residuals of all rows over the noise (:func:`all_rows`), before and after a
-            short fit; geometry: by how many tolerances that moves it, RMS; farthest: the most of
-            one parameter.
+            short fit; geometry: by how many tolerances that moves it, RMS; farthest: the most
+            of one parameter.
         left: as ``miss``, after the fit.
         readings: how the files should be read instead, if that explains everything.
     """

@@ -141,10 +141,9 @@ def _where(problem: Problem, group: Sequence[Place], state: State) -> str:
     now = np.mean([_point(data, key, at.target if key == "target" else at.frame_pose)
                    for at in ends], axis=0)
     text += f": it comes out at {_words(now, data)}, not at {_words(was, data)}"
-    for other in problem.datasets:
-        there = _point(other, key, getattr(other, key).value)
-        alone = len(group) == 1 and other is not data and not getattr(other, key).fitted
-        if alone and key == "frame" and (
+    for other in problem.datasets if kind == "point" and len(group) == 1 else ():
+        there = _point(other, key, other.frame.value)
+        if other is not data and other.kind is data.kind and not other.frame.fitted and (
                 np.linalg.norm(now - there) < NEAR * np.linalg.norm(was - there)):
             return f"{text}, which is where the point of {other.source} is: exchanged files?"
     return text

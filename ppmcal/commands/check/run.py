@@ -19,13 +19,13 @@ from ppmcal.commands.check.options import CheckArguments
 from ppmcal.commands.inputs import data_files, prepared
 from ppmcal.commands.spec import Path_, Refusal
 from ppmcal.errors import BadInput, PpmcalError
-from ppmcal.io.results.identification_parts import ErrorSize, summaries
+from ppmcal.io.results.identification_parts import summaries
 from ppmcal.io.results.identification_wording import (
     open_sentences,
     sets_of,
     unidentifiable_words,
 )
-from ppmcal.io.results.parts import misreading_entries
+from ppmcal.io.results.parts import ErrorSize, misreading_entries
 from ppmcal.io.results.scene import Scene
 from ppmcal.io.sidecar import sidecar_path
 from ppmcal.model.dataset import Dataset

@@ -224,6 +224,8 @@ def run(asked: CompensateArguments) -> CompensationResult:
         *secondary("which machine and axes commands are for", lambda: [
             *loose_axes(machine, known, name), *defined_axes(known, name),
             *after_events(machine, name)], [], beside),
+        *secondary("whether targets are in another frame",
+                   lambda: [*_in_other_frames(machine, found, poses, name)], [], beside),
         *secondary("where the model is doubtful", lambda: doubts(found, machine, known), [],
                    beside),
         *secondary("where commands go beyond what was measured", lambda: [*beyond_measured(
@@ -347,6 +349,24 @@ def _frame(mechanism: Mechanism, frame: str | None) -> tuple[Registration, str]:
                        f"Choose with --frame: {', '.join([*names, 'base'])}")
     refuse_unknown("data set", [frame], [*names, "base"], "--frame")
     return true_lengths(mechanism.registrations[frame]), frame
+
+
+def _in_other_frames(mechanism: Mechanism, found: Compensation, poses: PoseTable, frame: str
+                     ) -> Iterator[Note]:
+    """Yield the frame in which targets can be reached of which none can be in the one given."""
+    if sent(found).any():
+        return
+    for other in ("base", *mechanism.registrations):
+        registration, name = _frame(mechanism, other)
+        if name != frame:
+            there = compensated(mechanism, poses.poses, registration, None, name,
+                                poses.environment)
+            if 2 * int(sent(there).sum()) > len(poses.rows):
+                yield Note(f"none of the targets can be reached in the frame of {frame or 'the '}"
+                           f"{'' if frame else 'base'}, but "
+                           f"{pluralize(int(sent(there).sum()), 'target')} can in that of "
+                           f"{name or 'the base'}: --frame {other!r}?")
+                return
 
 
 def true_lengths(registration: Registration) -> Registration:
