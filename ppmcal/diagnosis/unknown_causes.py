@@ -48,6 +48,10 @@ UNKNOWN_FAMILY = "unknown"
 """The family of what no kind of the library does."""
 TOO_FINE = "a function of travel too fine to be seen"
 PULLS = "what limbs pull against each other, another at each pose"
+OFF_BY = "a constant in all distances"
+OFF_REMEDY = ("look whether a ball's radius was left in the distances, or taken off twice; else "
+              "measure a known one with the same instrument; correct the column `distance` by "
+              "that constant")
 MOST_PLACES = 400
 """Poses that may have a column each: so many take a third of the time of the rest."""
 MOST_SCATTERED = 800
@@ -242,6 +246,7 @@ class UnknownCauses:
 
         They are as usual as any kind of effect, and name nothing that the machine has.
         """
+        yield from self._of_distances()
         motion = self.system.problem.mechanism.motion
         for kind in effect_kinds().values():
             if not kind.nuisance or not kind.exists_in(motion):
@@ -252,3 +257,13 @@ class UnknownCauses:
                        for name in terms[0].by]
             yield Made(f"an error of what the machine is measured against ({kind.label})",
                        np.stack([c.reshape(-1) for c in columns], axis=1), remedy=kind.remedy)
+
+    def _of_distances(self) -> Iterator[Made]:
+        """Yield a constant that all distances have too much, whatever was measured."""
+        lengths = np.zeros(self.system.residual.shape)
+        for p in self.system.firsts:
+            if self.system.problem.datasets[p.dataset].kind.along_line:
+                one = p.whitened(lambda response: np.ones(response.seen.residual.shape))
+                lengths[p.at, :one.shape[1]] = one
+        if lengths.any():
+            yield Made(OFF_BY, (lengths * self.system.observed).reshape(-1, 1), remedy=OFF_REMEDY)
