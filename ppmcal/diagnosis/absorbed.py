@@ -14,10 +14,9 @@ import numpy as np
 
 from ppmcal.diagnosis.hypotheses import AS_ROUND_OFF, Hypothesis, Library, Untestable
 from ppmcal.diagnosis.linear_system import System, range_basis
+from ppmcal.inference.blocks import CHUNK
 from ppmcal.linalg import Bools
 
-SOME = 256
-"""Columns that are looked at together."""
 BETWEEN = "between sessions"
 TAKEN_UP = "the unknown frame, target or homing of each file would take it up"
 
@@ -53,8 +52,8 @@ def _absorbed(library: Library, system: System) -> Bools:
     free = system.jacobian[..., len(system.problem.free):] * system.observed[..., None]
     basis = range_basis(free.reshape(size, -1))
     out = np.zeros(library.count, dtype=bool)
-    for begin in range(0, library.count, SOME):
-        some = range(begin, min(begin + SOME, library.count))
+    for begin in range(0, library.count, CHUNK):
+        some = range(begin, min(begin + CHUNK, library.count))
         columns = (library.some(some) * system.observed[..., None]).reshape(size, -1)
         left = columns - basis @ (basis.T @ columns)
         whole, rest = (np.linalg.norm(c, axis=0) for c in (columns, left))

@@ -48,6 +48,10 @@ UNKNOWN_FAMILY = "unknown"
 """The family of causes not in the library."""
 TOO_FINE = "a function of travel too fine to resolve"
 PULLS = "limbs pulling against each other, differently at each pose"
+OFF_BY = "a constant in all distances"
+OFF_REMEDY = ("check whether a ball's radius was left in the distances, or subtracted twice; if "
+              "not, measure a known distance with the same instrument; correct the column "
+              "`distance` by that constant")
 MOST_PLACES = 400
 """Most poses with a column each: this many take a third of the time of everything else."""
 MOST_SCATTERED = 800
@@ -242,6 +246,7 @@ class UnknownCauses:
 
         They are as common as any kind of effect, but are not errors of the machine.
         """
+        yield from self._of_distances()
         motion = self.system.problem.mechanism.motion
         for kind in effect_kinds().values():
             if not kind.nuisance or not kind.exists_in(motion):
@@ -252,3 +257,13 @@ class UnknownCauses:
                        for name in terms[0].by]
             yield Made(f"an error of the measurement reference ({kind.label})",
                        np.stack([c.reshape(-1) for c in columns], axis=1), remedy=kind.remedy)
+
+    def _of_distances(self) -> Iterator[Made]:
+        """Yield a constant that all distances have too much, whatever was measured."""
+        lengths = np.zeros(self.system.residual.shape)
+        for p in self.system.firsts:
+            if self.system.problem.datasets[p.dataset].kind.along_line:
+                one = p.whitened(lambda response: np.ones(response.seen.residual.shape))
+                lengths[p.at, :one.shape[1]] = one
+        if lengths.any():
+            yield Made(OFF_BY, (lengths * self.system.observed).reshape(-1, 1), remedy=OFF_REMEDY)

@@ -71,6 +71,16 @@ def test_p_values_of_sessions_alike_are_even() -> None:
     assert float(np.sum((counts - 60.0) ** 2 / 60.0)) < 18.5      # 0.1 % of chi-squared on 4
 
 
+def test_an_effect_that_sessions_agree_about_keeps_the_noise_s_interval() -> None:
+    """Of few sessions the drawn variances have long tails, which count as far as they differ."""
+    drawn = 1.0 + np.random.default_rng(3).standard_cauchy((400, 1)) ** 2
+    differ = np.hstack([drawn, drawn, drawn])
+    alike, even, sure = module._mixed(differ, np.ones(3), np.array([0.01, 0.5, 1.0]))
+    assert Z95 < alike < 1.1 * Z95
+    assert sure == pytest.approx(module.half_of_mixture(drawn)[0])
+    assert alike < even < sure
+
+
 @cache
 def three(differ: bool) -> tuple[Identification, Array]:
     """Three sessions of a delta, and its true parameters."""

@@ -60,7 +60,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 
     monkeypatch.setattr(intervals, "clusters", clusters)
     monkeypatch.setattr(intervals, "differs", lambda fit, labels, inflation: True)
-    monkeypatch.setattr(intervals, "session_variance", lambda fit, labels, *more: answer(
+    monkeypatch.setattr(intervals, "session_variance", lambda fit, labels, *more, **said: answer(
         (2.0, 0.0) if labels[0].startswith("order") else (1.0, 999.0), tuple(labels)))
     return seen
 

@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.diagnose import diagnose
+from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.result import Diagnosis
+from ppmcal.diagnosis.unknown_causes import OFF_BY, UnknownCauses
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.effects import effect_kinds
 from ppmcal.model.mechanism import Given, Mechanism, with_effect
@@ -111,3 +113,33 @@ def test_pairs_alone_can_be_searched(tmp_path: Path) -> None:
     mechanism, data = campaign(tmp_path, 10, 0.0)
     found = diagnose(Problem(mechanism, data[1:], mechanism.free))
     assert found.verdict in ("none", "weak")
+
+
+def test_a_constant_of_all_distances_is_asked_for(tmp_path: Path) -> None:
+    """It does in each distance what the noise is in units of, and nothing in heights."""
+    mechanism, data = campaign(tmp_path, 1, 0.0)
+    data = tuple(d.take(np.arange(60) < 20) for d in data)
+    problem = Problem(mechanism, data, mechanism.free)
+    system = build(problem, problem.start(), [np.ones(len(d), dtype=bool) for d in data])
+    asked = UnknownCauses(system, [p.setting for p in system.firsts])
+    first = 0
+    for cause in asked.causes:
+        if cause.label == OFF_BY:
+            column = asked.columns.some([first]).reshape(system.observed.shape)
+            assert not column[system.dataset == 0].any()
+            np.testing.assert_allclose(column[system.dataset == 1, 0], 1.0 / 1e-5)
+            assert "`distance`" in cause.remedy
+            break
+        first += cause.width
+    else:
+        pytest.fail("no constant was asked for")
+
+
+@pytest.mark.slow
+def test_a_constant_of_all_distances_is_told(tmp_path: Path) -> None:
+    """A ball's radius that was left in is no gain, and no zero that moved between two files."""
+    mechanism, (heights, pairs) = campaign(tmp_path, 3, 0.0)
+    data = heights, replace(pairs, value=pairs.value + 5e-3)
+    found = diagnose(Problem(mechanism, data, mechanism.free))
+    assert found.verdict == "unnamed"
+    assert [u.looks_like for u in found.unknown] == [OFF_BY]

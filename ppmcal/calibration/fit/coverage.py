@@ -34,13 +34,17 @@ def variances(chi2: float, degrees: float) -> Array:
     return np.asarray((LEAST + chi2 * (degrees > 0)) / chdtri(freedom, chance))
 
 
-def half_of_mixture(variance: Array) -> Array:
-    """Return the half width (C,) containing 95 % of a mixture of normals, variances (n, C)."""
+def half_of_mixture(variance: Array, weight: Array | None = None) -> Array:
+    """Return the half width (C,) containing 95 % of a mixture of normals, variances (n, C).
+
+    ``weight``: of each normal (n,), summing to 1  [default: equal weights].
+    """
     sigma = np.sqrt(np.maximum(variance, 1e-300))
     low, high = sigma.min(axis=0), 10.0 * sigma.max(axis=0)
     for _ in range(60):
         middle = 0.5 * (low + high)
-        inside = 2.0 * ndtr(middle / sigma).mean(axis=0) - 1.0
+        each = ndtr(middle / sigma)
+        inside = 2.0 * (each.mean(axis=0) if weight is None else weight @ each) - 1.0
         low, high = np.where(inside < 0.95, middle, low), np.where(inside < 0.95, high, middle)
     return np.asarray(0.5 * (low + high))
 

@@ -108,7 +108,7 @@ def by_sessions(fit: Fit, inflation: float) -> SessionVariance | None:
     if len(seen) < 2 or not fit.problem.free or fit.problem.earlier is not None:
         return None
     data = clusters(fit, [label for label, _ in seen], [mask for _, mask in seen])
-    return session_variance(fit, data, inflation)
+    return session_variance(fit, data, inflation, alike=True)
 
 
 def by_blocks(fit: Fit, inflation: float) -> SessionVariance | None:

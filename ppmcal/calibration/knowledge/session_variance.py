@@ -34,7 +34,7 @@ from ppmcal.calibration.knowledge.session_clusters import RIDGE, Clusters, Compo
 from ppmcal.errors import LinearAlgebraError
 from ppmcal.inference.priors import MOVED, NOISE_FREEDOM, SURE
 from ppmcal.inference.row_weights import log_ratio
-from ppmcal.linalg import Array, Bools, reciprocals, svd
+from ppmcal.linalg import Array, Bools, Ints, reciprocals, svd
 
 SWEEPS, WARM_UP, LEAST_SWEEPS = 600, 0.2, 80
 """Draws of all variances times clusters, the part discarded as warm-up, and minimum of sweeps."""
@@ -202,7 +202,8 @@ def _chances(data: Clusters, parts: Components, inflation: float, widest: float 
 
 
 def session_variance(fit: Fit, data: Clusters, inflation: float = 1.0, widest: float = WIDEST,
-                     seed: int = 0, parts: Components | None = None) -> SessionVariance:
+                     seed: int = 0, parts: Components | None = None, alike: bool = False
+                     ) -> SessionVariance:
     """Return the effect of differing clusters of rows on the uncertainty of a fit.
 
     No interval is longer than one that contains all that the tolerance allows.
@@ -214,6 +215,7 @@ def session_variance(fit: Fit, data: Clusters, inflation: float = 1.0, widest: f
         widest: maximum difference of clusters in tolerances.
         seed: of the draws.
         parts: in which directions clusters may differ; None: :func:`components`.
+        alike: whether sizes of effects are mixed over clusters that differ and others that do not.
     """
     parts = parts or components(fit)
     chances = _chances(data, parts, inflation, widest)
@@ -232,22 +234,49 @@ def session_variance(fit: Fit, data: Clusters, inflation: float = 1.0, widest: f
     parts_of = drawn / np.append(np.ones(len(parts.names)), inflation**2)
     parts_of[:, -1] -= 1.0
     variance = np.diagonal(known) + parts_of @ np.array([np.diagonal(b) for b in added])
+    own, sigma, square = _each(data, chances.prior, len(fit.problem.free),
+                                float(np.median(drawn[:, -1])) / inflation**2)
+    apart = _apart(data, square)
     half = half_of_mixture(variance) * fit.scale
+    if alike:
+        sizes = _effect_columns(fit)
+        chance = np.maximum(apart[sizes], expit(chances.odds))
+        half[sizes] = _mixed(variance[:, sizes], np.diagonal(known)[sizes], chance
+                             ) * fit.scale[sizes]
     allowed = np.abs(data.away) + Z95 * reciprocals(data.prior, np.inf)
     half = np.minimum(half, allowed * fit.scale)
     half[np.isinf(np.diagonal(posterior(fit)))] = np.inf
     # with few sessions the mean of the draws is that of the widest; hence the median
     middle = np.median(parts_of, axis=0)
     covariance = known + sum(m * b for m, b in zip(middle, added, strict=True))
-    own, sigma, square = _each(data, chances.prior, len(fit.problem.free),
-                                float(np.median(drawn[:, -1])) / inflation**2)
     scale = fit.scale[:own.shape[1]]
     spread = {n: float(np.sqrt(np.median(v))) for n, v in
               zip(parts.names, drawn[:, :-1].T, strict=True)}
     return SessionVariance(data.labels, covariance * unit, half,
                            chances.odds, own * scale, sigma * scale,
-                           np.asarray(chdtrc(len(own) - 1, square)), _apart(data, square), spread,
+                           np.asarray(chdtrc(len(own) - 1, square)), apart, spread,
                            coverage=coverage_of(drawn[:, -1] / np.median(drawn[:, -1])))
+
+
+def _effect_columns(fit: Fit) -> Ints:
+    """Return which columns of a fit are parameters of effects."""
+    sizes = {p for e in fit.problem.mechanism.effects for p in e.parameters.values()}
+    return np.array([c for c, p in enumerate(fit.problem.free) if p in sizes], dtype=np.int64)
+
+
+def _mixed(differ: Array, alike: Array, chance: Array) -> Array:
+    """Return half of 95 % intervals (c,) where sessions differ by a ``chance`` (c,), or are alike.
+
+    Geometry always is a little another: joints are homed anew. That sessions differ in what stands
+    for an effect is a cause beside it, as probable as the data make it: drawn as if it were there,
+    by sizes of which few sessions say little, it would make longer what they agree about.
+
+    ``differ``: drawn variances where they do (n, c); ``alike``: by noise alone (c,).
+    """
+    both = np.concatenate([differ, alike[None, :]])
+    count = len(differ)
+    return np.array([half_of_mixture(own[:, None], np.append(np.full(count, p / count), 1.0 - p))[0]
+                     for own, p in zip(both.T, chance.tolist(), strict=True)]).reshape(-1)
 
 
 def _registered(data: Clusters, parts: Components, count: int) -> Array:
