@@ -361,7 +361,7 @@ def _in_other_frames(mechanism: Mechanism, found: Compensation, poses: PoseTable
         if name != frame:
             there = compensated(mechanism, poses.poses, registration, None, name,
                                 poses.environment)
-            if 2 * int(sent(there).sum()) > len(poses.rows):
+            if 2 * int(sent(there).sum()) > len(poses.poses):
                 yield Note(f"none of the targets can be reached in the frame of {frame or 'the '}"
                            f"{'' if frame else 'base'}, but "
                            f"{pluralize(int(sent(there).sum()), 'target')} can in that of "
