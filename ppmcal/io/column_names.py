@@ -129,15 +129,19 @@ def strangers(columns: Mapping[str, Sequence[str] | None], mechanism: Mechanism,
 
 
 class MissingColumns(BadInput):
-    """Columns that a file must have and has not; ``names``: which, as we call them."""
+    """Columns that a file must have and lacks.
+
+    ``names``: ours for them; ``why``: who needs them, the end of the message.
+    """
 
     names: tuple[str, ...] = ()
+    why: str = ""
 
     @classmethod
     def of(cls, names: Sequence[str], why: str, where: str, hint: str) -> MissingColumns:
-        """Return the refusal of a header without some columns; ``why``: who needs them."""
+        """Return the refusal of a header without some columns."""
         error = cls(f"there is no column {', '.join(names)}{why}", where, hint)
-        error.names = tuple(names)
+        error.names, error.why = tuple(names), why
         return error
 
 
@@ -159,7 +163,7 @@ def offering(strange: Sequence[str], mark: str = "") -> Iterator[None]:
         lines = ", ".join(f"{mark}_{name}: {header}" if mark and name in COORDINATES else
                           f"{name}: {header}" for name, header in meant.items())
         raise MissingColumns.of(
-            error.names, error.what.partition(", ".join(error.names))[2], error.where,
+            error.names, error.why, error.where,
             f"Nobody knows {', '.join(strange)}: if that is what is missing, write into the "
             f"sidecar `read: {{columns: {{{lines}}}}}`, with the right names. Else: "
             f"{error.hint[:1].lower()}{error.hint[1:]}") from None

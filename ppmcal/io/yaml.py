@@ -22,6 +22,7 @@ import yaml
 
 from ppmcal.errors import BadInput
 from ppmcal.io.schema import show
+from ppmcal.io.tables import SUFFIXES
 from ppmcal.limits import YAML_BYTES, YAML_DEPTH, YAML_NODES
 from ppmcal.store.inputs import read_bytes
 
@@ -35,10 +36,6 @@ _BOOL = re.compile(r"^(true|True|TRUE|false|False|FALSE)$")
 _NULL = re.compile(r"^(~|null|Null|NULL|)$")
 _TAB = re.compile(rb" *\t")
 _TAG = "tag:yaml.org,2002:"
-
-
-TABLES = (".csv", ".parquet", ".xlsx")
-"""What ends the names of tables, which stand in no place of these files."""
 
 
 class _Loader(yaml.CSafeLoader):
@@ -122,7 +119,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     if not isinstance(tree, dict):
         raise BadInput("is not a mapping of keys to values", str(path),
                        "This looks like a table: the mechanism file comes first, then the tables"
-                       if path.suffix.lower() in TABLES else
+                       if path.suffix.lower() in SUFFIXES else
                        "Begin it with a line such as `format: ppmcal/mechanism/1`")
     _check_size(tree, path)
     return tree

@@ -178,7 +178,7 @@ def in_both(whole: Mechanism, data: list[Dataset], poorer: int, without: str) ->
     poor = whole.with_free([whole.names[p] for p in whole.free if without not in whole.names[p]])
     own = [noisy(identify(Problem(m, (d,), m.free), options), options) for m, d in zip(
         (poor, whole) if poorer == 0 else (whole, poor), data, strict=True)]
-    with pytest.raises(BadInput, match="other parameters free"):
+    with pytest.raises(BadInput, match="had different parameters free"):
         between(whole, own[0], own[1], {}, np.random.default_rng(0))
     old, new = (identify(Problem(whole, (d,), whole.free), options) for d in data)
     first, second = fitted_together(old, new, (own[0], own[1]), options)

@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.bodies import MARKS, machine, measured, turned
+from helpers.campaigns_in_files import refusal
 
 import ppmcal as package
-from ppmcal.calibration.fit import Problem, identify
-from ppmcal.calibration.interpretation import InterpretationError, refuse_before_fit
-from ppmcal.calibration.interpretation.read_rightly import refuse_after_fit
+from ppmcal.calibration.fit import Problem
 
 POINTS = {"ball1": (150.0, 80.0), "ball2": (900.0, 150.0), "ball3": (480.0, 700.0)}
 
@@ -34,16 +33,6 @@ def campaign(folder: Path, target: tuple[float, float], points: dict[str, object
     bench = package.load(folder / "bench.yaml")
     data = tuple(package.read_data(bench, *(folder / f"{name}.csv" for name in POINTS)))
     return Problem(bench, data, bench.free)
-
-
-def refusal(problem: Problem) -> InterpretationError | None:
-    """Return what a campaign is refused for, before a fit or after it; None: it is taken."""
-    try:
-        refuse_before_fit(problem)
-        refuse_after_fit(identify(problem))
-    except InterpretationError as error:
-        return error
-    return None
 
 
 @pytest.mark.slow

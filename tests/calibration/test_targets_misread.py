@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.bodies import Floats, listed, long, machine, measured, sidecar, wide
+from helpers.campaigns_in_files import refusal
 
 import ppmcal as package
-from ppmcal.calibration.fit import Problem, identify
-from ppmcal.calibration.interpretation import InterpretationError, refuse_before_fit
+from ppmcal.calibration.fit import Problem
+from ppmcal.calibration.interpretation import InterpretationError
 from ppmcal.calibration.interpretation.interpretation_error import block_text
-from ppmcal.calibration.interpretation.read_rightly import refuse_after_fit
 
 pytestmark = pytest.mark.slow
 Change = Callable[[Floats], Floats]
@@ -42,13 +42,7 @@ def mirrored(at: Floats) -> Floats:
 def as_read(path: Path) -> InterpretationError | None:
     """Return the refusal of a campaign, before a fit or after it; None: it is taken."""
     machine = package.load(path.parent / "bench.yaml")
-    problem = Problem(machine, tuple(package.read_data(machine, path)), machine.free)
-    try:
-        refuse_before_fit(problem)
-        refuse_after_fit(identify(problem))
-    except InterpretationError as error:
-        return error
-    return None
+    return refusal(Problem(machine, tuple(package.read_data(machine, path)), machine.free))
 
 
 @pytest.mark.long_cases("names2-change2-words2-block2")

@@ -356,7 +356,8 @@ def test_console_and_table_say_the_same_of_a_row_that_was_left_out(tmp_path: Pat
     run = ppmcal("identify", "imported/machine.yaml", "imported/heights.csv", cwd=tmp_path)
     (row,) = [r for r in rows(tmp_path / "identified" / "residuals.csv") if r["reason"]]
     times = float(row["reason"].split(":")[1].split()[0])
-    said = " ".join((run.out + run.err).split()).partition(" times the noise)")[0].split("(")[-1]
+    words = " ".join((run.out + run.err).split())
+    said = words.partition(" times the noise)")[0].split(" off by ")[-1]
     assert float(said) == pytest.approx(times, rel=0.01)
 
 

@@ -75,7 +75,7 @@ def test_directions_that_are_turned_are_told_with_their_file_and_their_rows(
     rows = system.problem.datasets[1].rows[system.row[[begin + 4, begin + 13]]].tolist()
     assert found.source == "two.csv" and found.block is None
     assert found.mistakes[0].rows == tuple(range(rows[0], rows[1] + 1))
-    assert "in the other rows" in some.what
+    assert "to the other rows" in some.what
     end = system.dataset.size
     (found,) = refused(asked, mechanism, replace(own, stretch=(begin, end))).found
     assert found.source == "two.csv" and not found.mistakes[0].rows

@@ -6,7 +6,10 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from ppmcal.calibration.fit import identify
 from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.interpretation import InterpretationError, refuse_before_fit
+from ppmcal.calibration.interpretation.read_rightly import refuse_after_fit
 from ppmcal.io import read_campaign
 from ppmcal.io.results.simulation import files
 from ppmcal.model.dataset import Dataset
@@ -37,3 +40,13 @@ def run(mechanism: Mechanism, scenario: Scenario, seed: int = 1, name: str = "a"
             (Path(folder) / file).write_text(str(text), encoding="utf-8")
         data = read_campaign([Path(folder) / "measurements.csv"], mechanism)[0]
     return Run(mechanism, scenario, campaign, data)
+
+
+def refusal(problem: Problem) -> InterpretationError | None:
+    """Return why a campaign is refused, before a fit or after it; None if it is accepted."""
+    try:
+        refuse_before_fit(problem)
+        refuse_after_fit(identify(problem))
+    except InterpretationError as error:
+        return error
+    return None

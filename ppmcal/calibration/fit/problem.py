@@ -103,7 +103,11 @@ class Problem:
 
     def alone(self, data: Dataset) -> Problem:
         """Return the problem of one data set by itself, with a frame of its own."""
-        return replace(self, datasets=(data.alone(),), pivots=None, given=None, earlier=None)
+        return self.afresh(datasets=(data.alone(),))
+
+    def afresh(self, **fields: Any) -> Problem:
+        """Return the problem with other fields, and nothing known from those it had."""
+        return replace(self, pivots=None, given=None, earlier=None, **fields)
 
     def changed(self, **fields: Any) -> Problem:
         """Return the problem with other fields, its frames turned about the same points."""

@@ -21,9 +21,9 @@ from ppmcal.calibration.fit import (
 )
 from ppmcal.calibration.interpretation.interpretation_error import (
     Interpretation,
+    by_sentence,
     hint_of,
-    interpretation_sentence,
-    sentences_of,
+    sources_of,
 )
 from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes
 from ppmcal.calibration.interpretation.read_rightly import refusal
@@ -150,11 +150,9 @@ def _open_limbs(mechanism: Mechanism, gaps: Sequence[LimbGap]) -> Iterator[Note]
 
 def _told(misreadings: Sequence[Interpretation], mechanism: Mechanism) -> Iterator[Note]:
     """Yield what is read wrongly, and how to read it."""
-    for what, sources in sentences_of(misreadings, mechanism.units).items():
-        own = [m for m in misreadings if interpretation_sentence(m, mechanism.units) == what]
-        yield Note(f"{', '.join(sources)}: {what}{'' if what.endswith('?') else '.'} "
-                   f"{hint_of(own)}.",
-                   topic="interpretation")
+    for what, own in by_sentence(misreadings, mechanism.units).items():
+        yield Note(f"{', '.join(sources_of(own))}: {what}{'' if what.endswith('?') else '.'} "
+                   f"{hint_of(own)}.", topic="interpretation")
 
 
 def _not_told(findings: Sequence[Note], misreadings: Sequence[Interpretation]) -> list[Note]:

@@ -32,7 +32,7 @@ def exchanged_in_part(problem: Problem) -> tuple[Interpretation, ...]:
     """Return exchanged targets by a fit of the first or the last rows, where they are in order."""
     for own in _bodies(problem):
         datasets = tuple(problem.datasets[i] for i in own)
-        body = replace(problem, datasets=datasets, pivots=None, given=None, earlier=None)
+        body = problem.afresh(datasets=datasets)
         for part in np.array_split(np.unique(np.concatenate([*map(_stands, datasets)])),
                                    PARTS)[::PARTS - 1]:
             with suppress(PpmcalError):

@@ -116,26 +116,29 @@ class InterpretationError(NoResult):
     @classmethod
     def of(cls, found: Sequence[Interpretation], units: Units) -> InterpretationError:
         """Return the refusal that names the mistakes and the lines that correct them."""
-        told = sentences_of(found, units)
-        several = len({tuple(sources) for sources in told.values()}) > 1
-        what = "; ".join(f"{', '.join(sources)}: " * several + sentence
-                         for sentence, sources in told.items())
-        error = cls(what, ", ".join(dict.fromkeys(m.source for m in found)), hint_of(found))
+        told = by_sentence(found, units)
+        files = [", ".join(sources_of(own)) for own in told.values()]
+        what = "; ".join(f"{of}: " * (len(set(files)) > 1) + sentence
+                         for of, sentence in zip(files, told, strict=True))
+        error = cls(what, ", ".join(sources_of(found)), hint_of(found))
         error.found, error.units = tuple(found), units
         return error
 
 
-def sentences_of(found: Sequence[Interpretation], units: Units) -> dict[str, list[str]]:
-    """Return what is wrong, with the files of which it is true.
+def by_sentence(found: Sequence[Interpretation], units: Units) -> dict[str, list[Interpretation]]:
+    """Return each sentence on what is wrong, with the files and targets of which it is true.
 
     A mistake of all files, or of all targets of one, shows in each of them.
     """
-    out: dict[str, list[str]] = {}
+    out: dict[str, list[Interpretation]] = {}
     for m in found:
-        sources = out.setdefault(interpretation_sentence(m, units), [])
-        if m.source not in sources:
-            sources.append(m.source)
+        out.setdefault(interpretation_sentence(m, units), []).append(m)
     return out
+
+
+def sources_of(found: Sequence[Interpretation]) -> list[str]:
+    """Return the files that are read wrongly, each once."""
+    return list(dict.fromkeys(m.source for m in found))
 
 
 def interpretation_sentence(found: Interpretation, units: Units) -> str:
@@ -233,7 +236,7 @@ def hint_of(found: Sequence[Interpretation]) -> str:
                 f"Correct the zero of {', '.join(beyond)}: its offset in the mechanism file, or "
                 "the column; or the limits, if they are wrong")
     mirrored = any(x.kind == "mirrored" for x in every)
-    named = len({m.source for m in found}) > 1    # the file meant must be named then
+    named = len(sources_of(found)) > 1    # the file meant must be named then
     # several blocks for one file are alternatives from its targets: only one is to be written
     between = "; into the " if named or len(blocks) == 1 else ", or instead into the "
     place = {b: f"sidecar{'s' * (len(own) > 1)} of {' and '.join(own)}" if named else "sidecar"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ppmcal.calibration.fit import Problem
@@ -35,7 +33,7 @@ def other_unit(problem: Problem, before: float) -> tuple[Interpretation, ...]:
         if unit == stated:
             continue
         other = scaled_lengths(mechanism, factor)
-        found = score(replace(problem, mechanism=other, pivots=None, given=None, earlier=None))
+        found = score(problem.afresh(mechanism=other))
         if np.isfinite(found.noise) and found.total <= TELLING and explains(before, found.total):
             times, than = (1.0 / factor, "larger") if factor < 1.0 else (factor, "smaller")
             text = (f"the machine of {mechanism.source} is {times:.4g} times {than} than the one "

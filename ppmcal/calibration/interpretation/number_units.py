@@ -49,6 +49,5 @@ def _scored(problem: Problem, group: list[int], unit: str) -> tuple[Score, Ways]
             return None
         ways[i] = replace(plain, numbers=replace(plain.numbers, units=(unit,)))
         datasets[i] = ways[i].of(datasets[i])
-    found = score(replace(problem, datasets=tuple(datasets), pivots=None, given=None,
-                          earlier=None))
+    found = score(problem.afresh(datasets=tuple(datasets)))
     return (found, ways) if np.isfinite(found.noise) else None

@@ -47,7 +47,7 @@ def stated_places(problem: Problem, as_read: Score) -> tuple[Interpretation, ...
 
     Of candidates that explain the data as well, one with the fewest points elsewhere.
     """
-    good, most = list[tuple[int, Score, tuple[Place, ...], Problem]](), np.inf
+    good, most = list[tuple[Score, tuple[Place, ...], Problem]](), np.inf
     for parts, places in _candidates(problem):
         if parts > most:
             break
@@ -55,16 +55,14 @@ def stated_places(problem: Problem, as_read: Score) -> tuple[Interpretation, ...
             # an open target starts where it is stated, so that only a fit tells
             found = score(opened, np.inf if any(k == "target" for _, k in places) else LANDS)
             if np.isfinite(found.noise) and explains(as_read.total, found.total):
-                good.append((parts, found, places, opened))
+                good.append((found, places, opened))
                 most = parts
                 break
     if not good:
         return ()
-    least = min(found.total for _, found, *_ in good)
-    near = [g for g in good if g[1].total <= AS_GOOD * least]
-    _, found, places, opened = min(near, key=lambda g: g[1].total)
-    others = tuple(_faults(problem, other, where) for _, _, other, where in near
-                   if other != places)
+    found, places, opened = min(good, key=lambda g: g[0].total)
+    others = tuple(_faults(problem, other, where) for as_good, other, where in good
+                   if as_good.total <= AS_GOOD * found.total and other != places)
     told = _faults(problem, places, opened)
     return tuple(Interpretation(problem.datasets[i].source, (fault,), noise_after=found.noise,
                                 alternatives=tuple(f for f in others if n == 0))
@@ -103,7 +101,7 @@ def _opened(problem: Problem, places: tuple[Place, ...]) -> Iterator[Problem]:
         for (i, key), value in zip(places, stated, strict=True):
             own = replace(getattr(datasets[i], key), fitted=True, value=value * sign)
             datasets[i] = replace(datasets[i], **{key: own})
-        yield replace(problem, datasets=tuple(datasets), pivots=None, given=None, earlier=None)
+        yield problem.afresh(datasets=tuple(datasets))
 
 
 def _faults(problem: Problem, places: tuple[Place, ...], opened: Problem) -> tuple[FileFault, ...]:

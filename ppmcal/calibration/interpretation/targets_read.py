@@ -65,8 +65,7 @@ def _disagree(problem: Problem, own: Sequence[int]) -> bool:
     alone = [score(problem.alone(d), np.inf).total for d in data]
     first = data[0].alone()
     whole = [first, *(replace(d, frame=replace(d.frame, same_as=first.name)) for d in data[1:])]
-    together = score(replace(problem, datasets=tuple(whole), pivots=None, given=None,
-                             earlier=None), np.inf).total
+    together = score(problem.afresh(datasets=tuple(whole)), np.inf).total
     return together > TELLING * max(alone)
 
 

@@ -359,13 +359,12 @@ def _in_other_frames(mechanism: Mechanism, found: Compensation, poses: PoseTable
     for other in ("base", *mechanism.registrations):
         registration, name = _frame(mechanism, other)
         if name != frame:
-            there = compensated(mechanism, poses.poses, registration, None, name,
-                                poses.environment)
-            if 2 * int(sent(there).sum()) > len(poses.poses):
-                yield Note(f"none of the targets can be reached in the frame of {frame or 'the '}"
-                           f"{'' if frame else 'base'}, but "
-                           f"{pluralize(int(sent(there).sum()), 'target')} can in that of "
-                           f"{name or 'the base'}: --frame {other!r}?")
+            there = int(sent(compensated(mechanism, poses.poses, registration, None, name,
+                                         poses.environment)).sum())
+            if 2 * there > len(poses.poses):
+                yield Note("none of the targets can be reached in the frame of "
+                           f"{frame or 'the base'}, but {pluralize(there, 'target')} can in that "
+                           f"of {name or 'the base'}: --frame {other!r}?")
                 return
 
 
